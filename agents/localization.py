@@ -14,8 +14,16 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
-from armadico.agents.methods.laser_model import BEAMS, LaserModel, beams_of
-from armadico.agents.methods.monte_carlo import LASER, Estimate, Model, MonteCarlo, Settings
+from armadico.agents.methods.laser_model import LaserModel, beams_of
+from armadico.agents.methods.monte_carlo import (
+    LASER,
+    Elsewhere,
+    Estimate,
+    Model,
+    MonteCarlo,
+    Settings,
+    apart,
+)
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
@@ -24,7 +32,7 @@ from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
-from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.geometry import Pose2, compose, relative
 from armadico.core.messages import (
     Correction,
     Cycle,
@@ -40,15 +48,14 @@ from armadico.core.messages import (
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
 Share = Annotated[float, Meta(ge=0, le=1)]
+Odds = Annotated[float, Meta(ge=0, le=1000)]
+"""A natural logarithm."""
 
 
 LARGE = 250_000
 """Cells from which on what is made of a map is kept: half a second's work and more."""
 
 STOOD: Pose2 = (0.0, 0.0, 0.0)
-
-LEAP_M, LEAP_RAD = 0.5, 0.5
-"""An estimate that changes by more in a cycle is of another place."""
 
 UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
 """Standard deviations of what rolled while nobody counted: two seconds until the controller's
@@ -58,11 +65,11 @@ HEARD, SEEN = (5, 0.28), (3, 0.6)
 """New readings after which a lost robot is looked for, and how well they have to fit where it is
 found: by sonars, of which many hear what is on no map, and by a laser."""
 
-PINGS_A_SCAN = 5
-"""A scan tells as much as a cycle's pings do, and more."""
+UNDOUBTED = 2
+"""Newest readings that may be of another place though nobody has doubted yet."""
 
 STANDS_S = 3.0
-"""Who has doubted for so long is looked for by what was seen, few scans as that may be."""
+"""Who has doubted for so long without having come far is looked for by the little that is new."""
 
 PARTICLES_S = 0.5
 """From one publication of particles to the next: for those who watch."""
@@ -83,13 +90,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     lost: Share = 0.15  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
     lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for so long
-    lost_fit: Share = 0.55  # or if the readings fit so much worse than they usually do
-    lost_way_m: Metres = 1.0  # all along such a way,
-    lost_turn_rad: Angle = 3.0  # or such a turn, or a part of both:
-    carried_fit: Share = 0.55  # or if what it has heard meanwhile fits so well elsewhere,
-    carried_pings: Annotated[int, Meta(ge=1, le=1000)] = 15  # looked for after so many more:
-    doubt_m: Metres = 0.35  # before that it is no surer than this,
-    fits_again: Share = 0.8  # nor until the readings fit so well again
+    fits: Share = 0.5  # while the newest pings fit so well nobody looks whether it is elsewhere,
+    doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # else after so many more readings:
+    stays: Odds = 3.0  # until all other places have such odds against them;
+    fits_better: Annotated[float, Meta(ge=1, le=100)] = 1.5  # or one fits so many times better
+    doubts: Odds = 1.5  # with such odds for it: then it is
+    doubt_m: Metres = 0.35  # no surer than this;
+    carried: Odds = 7.5  # and lost with such odds,
+    doubt_s: Annotated[float, Meta(gt=0, le=60)] = 8.0  # or if it has doubted for so long
+    stands_m: Metres = 0.5  # and not come so far meanwhile
     looks_after: Annotated[int, Meta(ge=1, le=100)] | None = None  # new readings, on all the map
     found: Share = 0.95  # and found with this much in one of all the places that fit,
     found_fit: Share | None = None  # where the readings fit so well, by their geometric mean,
@@ -139,8 +148,6 @@ class Localization(Agent):
         by_sensor = SEEN if self._sees else HEARD
         self._looks_after = self.p.looks_after or by_sensor[0]
         self._found_fit = by_sensor[1] if self.p.found_fit is None else self.p.found_fit
-        # Readings that tell as much as a ping does: of a scan's rays, which are many and alike.
-        self._doubted_after = self.p.carried_pings * (BEAMS // PINGS_A_SCAN if self._sees else 1)
         self._odometry: Pose2 | None = None
         self._motion: Pose2 = STOOD  # in the last cycle
         self._epoch: int | None = None
@@ -148,10 +155,9 @@ class Localization(Agent):
         self._lost = self.p.start == "anywhere"
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._since: float | None = None  # when it began to seem lost
-        self._doubts = False  # the readings fit badly,
-        self._misfit = 0.0  # and have done so for such a share of the way that it takes to be lost
-        self._doubts_since = 0.0
-        self._looked = 0  # and so many pings of them have been looked for elsewhere
+        self._doubted: tuple[float, Pose2] | None = None  # since when it may be elsewhere, where
+        self._looked_at = 0.0  # when that was last looked for,
+        self._looked = 0  # with so many readings
         self._sure = 0  # so often in a row one place has been much better than all others,
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and so often it has to be that yet
@@ -229,7 +235,7 @@ class Localization(Agent):
             c = np.maximum(self._filter.scatter(), np.eye(3))
         elif self._unproved:
             c = c + np.diag([0.5 * self.p.unproved_m**2] * 2 + [0.0])
-        elif self._doubts and found.deviation_m < self.p.doubt_m:
+        elif self._doubted is not None and found.deviation_m < self.p.doubt_m:
             c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
         self.publish(
             Correction(
@@ -237,6 +243,7 @@ class Localization(Agent):
                 *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if self._lost else min(1.0, found.share),
+                elsewhere=self._doubted is not None,
             )
         )
         if self.now - self._shown_at >= PARTICLES_S:
@@ -257,60 +264,69 @@ class Localization(Agent):
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
 
         An estimate that leaps is of another place: the robot is lost until it is found there.
-        Readings that fit badly may be people's: it slows down. What people let it hear fits nowhere
-        on the map; what a robot that was carried away hears fits where it is now.
         """
         p, x, y = self.p, found.pose[0], found.pose[1]
         wide, share = found.deviation_m, found.share
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
         if not self._lost:
-            carried = self._doubt(found)
+            carried = None if self._unproved else self._elsewhere(found)
             doubtful = share < p.lost or wide > p.lost_m
             self._since = (self._since or self.now) if doubtful else None
             waited = self._since is not None and self.now - self._since >= p.lost_s
-            if not (waited or leaps or carried):
-                return
-            if not self._unproved:  # it may have been carried here when it began to doubt
-                self._filter.forget(self._filter.news if self._doubts else 0)
-            self._lose(
-                f"at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
-                f" weight, +-{wide:.2f} m; the readings fit by {found.fit:.2f}"
-            )
+            if carried is not None:
+                self._filter.forget(carried.readings)
+                self._lose(
+                    f"not at ({x:.2f}, {y:.2f}), where the readings fit by {found.fit:.2f}:"
+                    f" what it heard fits by {carried.fit:.2f} elsewhere"
+                )
+            elif waited or leaps:
+                if not self._unproved:
+                    self._filter.forget()
+                self._lose(
+                    f"at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
+                    f" weight, +-{wide:.2f} m; the readings fit by {found.fit:.2f}"
+                )
         elif self._sure >= p.found_times:
             self._lost, self._since, self._unproved = False, None, p.proved_times
+            self._doubted = None
+            self._looked, self._looked_at = 0, self.now
             self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
 
-    def _doubt(self, found: Estimate) -> bool:
-        """Take how well the readings fit; whether it must have been carried away."""
-        p, usual = (
-            self.p,
-            max(found.usual, self._filter.settings.fits),
-        )  # a wrong place is no standard
-        badly = found.fit < p.lost_fit * usual
-        doubted = self._doubts
-        self._doubts = badly or (doubted and found.fit < p.fits_again * usual)
-        x, y, turn = self._motion
-        moved = hypot(x, y) / p.lost_way_m + abs(turn) / p.lost_turn_rad
-        self._misfit = self._misfit + moved if badly else 0.0
-        if not self._doubts:
-            return False
-        if not doubted:
-            self._filter.mark()
-            self._looked, self._doubts_since = 0, self.now
-        heard = self._filter.echoes_of_news
-        # Who stands, because no way is free where it believes to be, sees no more than it has.
-        stands = self._sees and heard > self._looked and self.now - self._doubts_since >= STANDS_S
-        if heard - self._looked < self._doubted_after and not stands:
-            return self._misfit >= 1.0
-        self._looked = heard
-        best, *_ = self._filter.rivals()
-        elsewhere = best.fit >= p.carried_fit and apart(best.pose, found.pose)
-        return elsewhere or self._misfit >= 1.0
+    def _elsewhere(self, found: Estimate) -> Elsewhere | None:
+        """Where it may have been carried to, if it must have been.
+
+        Readings that fit badly may be people's, and those fit nowhere on the map; what a robot that
+        was carried away hears fits where it is now. So it is asked how much better another place
+        explains what was heard since nothing else did. Until it is known, it slows down.
+        """
+        p, f = self.p, self._filter
+        if self._doubted is None and f.fit >= p.fits:
+            f.mark(UNDOUBTED)
+            self._looked, self._looked_at = f.news, self.now
+            return None
+        new = f.news - self._looked
+        if new < p.doubted_after and not (new and self.now - self._looked_at >= STANDS_S):
+            return None
+        self._looked, self._looked_at = f.news, self.now
+        other = f.elsewhere(found.pose)
+        # What is not on the map, and walls that are dead, let places elsewhere fit a little better
+        # all along the way: that adds up to any odds.
+        better = other is not None and other.fit >= p.fits_better * other.stay_fit
+        if other is None or not better or other.odds < p.doubts:
+            self._doubted = None
+            if other is None or other.throughout < -p.stays:
+                f.mark(UNDOUBTED)
+                self._looked = f.news
+            return None
+        self._doubted = self._doubted or (self.now, found.pose)
+        since, (x, y, _) = self._doubted
+        stands = hypot(found.pose[0] - x, found.pose[1] - y) < p.stands_m
+        lifted = other.odds >= p.carried or (stands and self.now - since >= p.doubt_s)
+        return other if lifted else None
 
     def _lose(self, why: str) -> None:
         self._lost, self._since, self._sure, self._unproved = True, None, 0, 0
-        self._doubts, self._misfit = False, 0.0
         self.log(f"the robot is lost: {why}", WARNING)
 
     def _look(self) -> None:
@@ -330,12 +346,6 @@ class Localization(Agent):
         sure = best.share >= self.p.found and best.fit >= self._found_fit
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
-
-
-def apart(one: Pose2, other: Pose2) -> bool:
-    """Whether these are two places."""
-    far = hypot(one[0] - other[0], one[1] - other[1]) > LEAP_M
-    return far or abs(wrap(one[2] - other[2])) > LEAP_RAD
 
 
 def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
@@ -361,7 +371,7 @@ def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
 def model_of(grid: Grid, profile: RobotProfile) -> Model:
     """The model of a map for the sensor that tells most."""
     if profile.laser is not None:
-        return LaserModel(grid, profile.laser.max_m)
+        return LaserModel(grid)
     ring = profile.ring
     return sonar_model(grid, radians(ring.cone_deg), ring.max_m)
 

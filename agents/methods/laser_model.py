@@ -43,9 +43,6 @@ COARSE_M: Final = 0.3
 HIT, RANDOM = 0.9, 0.1
 """Shares of ends at walls of the map, and anywhere."""
 
-SHORT_M: Final = 0.3
-"""A ray that ends so much before the wall met somebody."""
-
 WIDE: Final = 400_000
 """Ends that are worked out at once: what the processor's caches hold."""
 
@@ -68,12 +65,11 @@ def beams_of(scan: Scan, most: int = BEAMS) -> list[Echo]:
 class LaserModel:
     """The likelihood of ranges, by a map's clearances."""
 
-    def __init__(self, grid: Grid, reach_m: float) -> None:
+    def __init__(self, grid: Grid) -> None:
         """Prepare.
 
         Args:
             grid: The map: the clearance of each of its cells.
-            reach_m: The longest range that the laser sees.
         """
         west, south, east, north = grid.bounds
         beyond = west - RIM_M, south - RIM_M, east + RIM_M, north + RIM_M
@@ -87,11 +83,9 @@ class LaserModel:
             .ravel()
             for width in (HIT_M, COARSE_M)
         )
-        self._clearance = np.minimum(clearance, np.float32(grid.horizon_m))
         self._rows, self._columns = clearance.shape
         self._west, self._south = (np.float32(low) for low in grid.bounds[:2])
-        self._inverse, self._cell_m = np.float32(1.0 / grid.cell_m), grid.cell_m
-        self._reach = reach_m
+        self._inverse = np.float32(1.0 / grid.cell_m)
 
     def likelihood(self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False) -> Floats:
         """The likelihood of each range at each pose, (poses, echoes); 1 is the best there is."""
@@ -111,39 +105,6 @@ class LaserModel:
             row += column
             np.take(field, row, out=found[begin : begin + together])
         return found
-
-    def short(self, pose: Poses, echoes: Sequence[Echo]) -> NDArray[np.bool_]:
-        """Which rays end before the wall that they should meet, at one pose: (1, 3)."""
-        x, y, theta = (float(value) for value in pose[0])
-        c, s = np.cos(theta), np.sin(theta)
-        eye_x = np.array([x + c * e.x - s * e.y for e in echoes])
-        eye_y = np.array([y + s * e.x + c * e.y for e in echoes])
-        looks = theta + np.array([e.bearing for e in echoes])
-        ranges = np.array([self._reach if e.range is None else e.range for e in echoes])
-        beyond = ranges + SHORT_M
-        short: NDArray[np.bool_] = self._way(eye_x, eye_y, looks, beyond) >= beyond
-        return short
-
-    def _way(
-        self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        looks: NDArray[np.float64],
-        most: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """The way to the first wall in each direction, or `most`; by sphere tracing, m."""
-        c, s = np.cos(looks), np.sin(looks)
-        way, going = np.zeros(len(x)), np.ones(len(x), dtype=np.bool_)
-        near = 0.6 * self._cell_m
-        while going.any():
-            column = ((x + c * way - self._west) * self._inverse).astype(np.int32)
-            row = ((y + s * way - self._south) * self._inverse).astype(np.int32)
-            np.clip(column, 0, self._columns - 1, out=column)
-            np.clip(row, 0, self._rows - 1, out=row)
-            step = self._clearance[row, column]
-            going &= (step > near) & (way < most)
-            way = np.where(going, way + np.maximum(step - near, 0.5 * near), way)
-        return np.minimum(way, most)
 
 
 def _ends(echoes: Sequence[Echo]) -> tuple[Floats, Floats]:

@@ -2,8 +2,8 @@
 
 After Thrun, Burgard and Fox, *Probabilistic Robotics*: the odometry's motion model (5.4), weights
 by a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size
-has fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and
-guesses drawn anew when the readings fit worse than they should (augmented MCL, table 8.3).
+has fallen below a half, and as many particles as the spread needs (KLD sampling, table 8.4). Where
+else the robot may be is looked for on the whole map by a stretch of the drive, apart from them.
 """
 
 from __future__ import annotations
@@ -30,15 +30,18 @@ NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
 """Standard deviations of guesses about one that is worth a closer look: m, m, rad."""
 
 
-COPIES: Final = 5
-"""So often one that is worth it is looked at."""
-
 APART_M, APART_RAD = 0.4, 0.4
 """What is nearer to each other is one place."""
 
 GHOST: Final = np.float32(0.1)
 """Least likelihood of an echo in a stretch of the drive: one off several walls is heard again and
 again from there, and would outweigh all others."""
+
+PINGS: Final = 16
+"""By fewer pings nobody is elsewhere: each sonar twice."""
+
+LEAP_M, LEAP_RAD = 0.5, 0.5
+"""Poses that are farther apart are two places."""
 
 LEAST_SHARE: Final = 0.005
 """Of the best place's: where less is believed no guess is put."""
@@ -50,14 +53,8 @@ FINER: Final = ((1.0, 60, 5), (0.4, 20, 8), (0.25, 12, 24), (0.12, 12, 40))
 FIRST: Final = (4, 8, 16)
 """After so many readings, of all in a random order, the worse two thirds of places are dropped."""
 
-SIFTED_AFTER: Final = 3
-"""Of places that may be where the robot is a third is left after so many readings."""
-
 SETTLED: Final = 1e-5
 """A cluster about a place so near to the one before, m and rad, is that one: a float32's noise."""
-
-DOUBT: Final = 0.35
-"""With more doubt than this, places are looked for that fit better."""
 
 
 class Settings(Struct, frozen=True):
@@ -79,39 +76,20 @@ class Settings(Struct, frozen=True):
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
     trust: float = 0.3  # exponent of a ping's likelihood: neighbouring pings are not independent,
     doubtful: float = 0.2  # less while it is lost: what is alike is told apart by much, or never
-    slow: float = 0.01  # rates of the two averages, per weighing
-    fast: float = 0.2
-    fits: float = 0.45  # what the averages are at the right place, among some things off the map
-    people: float = 0.6  # no more short readings than this share are somebody's who stands there
-    bad: float = 0.22  # and below this the robot may have been carried away just now
     candidates: int = 16_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
     a_cell: float = 0.3  # and at least so many for each free cell of the map,
     most_candidates: int = 64_000  # but not more than this;
-    known: int = 30  # if they are better than this many that there are,
-    better: float = 20.0  # by so much in the logarithm of the likelihood,
     rival: float = 10.0  # a place that fits worse by this has a share that is e times smaller
-    kept: int = 20  # by so many readings of late,
-    remembered: int = 40  # or, if the robot is lost, by so many, and all that was heard with them;
+    remembered: int = 40  # by so many readings of late, and all that was heard with them;
+    doubted: int = 16  # by no more than so many, if it is to tell whether the robot is elsewhere
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
     whole: bool = False  # a reading tells all around: what is between two that are kept is left out
-    looks_at: int = 16  # so many of the newest are asked how many are short: twice around
+    judged: int = 24  # newest pings by which it is told how well they fit
 
 
-UNEXPLAINED: Final = 0.1
-"""The likelihood of an echo that nothing on the map explains is below this."""
-
-LASER: Final = Settings(
-    trust=0.08,
-    doubtful=0.05,
-    better=120.0,
-    rival=20.0,
-    kept=12,
-    remembered=24,
-    whole=True,
-    looks_at=72,
-)
+LASER: Final = Settings(trust=0.08, doubtful=0.05, rival=20.0, remembered=24, whole=True, judged=72)
 """Of a laser's, whose scan is some dozens of rays at once: each of them counts for less."""
 
 
@@ -122,9 +100,6 @@ class Model(Protocol):
         self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False
     ) -> NDArray[np.float32]:
         """The likelihood of each reading at each pose, (poses, echoes); 1 is the best there is."""
-
-    def short(self, pose: Poses, echoes: Sequence[Echo]) -> NDArray[np.bool_]:
-        """Which come from before the wall that should answer, at one pose: (1, 3)."""
 
 
 class Reading(NamedTuple):
@@ -158,6 +133,29 @@ class Place(Struct, frozen=True):
     fit: float
 
 
+class Elsewhere(Struct, frozen=True):
+    """How much better another place explains what was heard of late, if any does.
+
+    A generalized likelihood ratio: over all other places, and over when the robot was lifted.
+
+    Attributes:
+        pose: That place: m, m, rad.
+        odds: The logarithm of its likelihood over that of where the particles are, each ping's
+            with the power that it has in their weights; by the stretch that speaks for it most,
+        readings: which has so many readings,
+        fit: and whose echoes have likelihoods of this geometric mean there,
+        stay_fit: and of this one where the particles are.
+        throughout: The same odds, of the best place by all that was doubted.
+    """
+
+    pose: Pose2
+    odds: float
+    readings: int
+    fit: float
+    stay_fit: float
+    throughout: float
+
+
 class Estimate(Struct, frozen=True):
     """Where the robot is, by the particles.
 
@@ -165,15 +163,13 @@ class Estimate(Struct, frozen=True):
         pose: The mean of the largest cluster: m, m, rad.
         covariance: Of x, y and heading, (3, 3), of that cluster.
         share: Of the weight that is in it, 0 to 1.
-        fit: How well the readings of late fit at the particles, 0 to 1: the fast average.
-        usual: How well they usually do: the slow one.
+        fit: How well the newest pings fit at the particles: the geometric mean of likelihoods.
     """
 
     pose: Pose2
     covariance: NDArray[np.float64]
     share: float
     fit: float
-    usual: float
 
     @property
     def deviation_m(self) -> float:
@@ -211,13 +207,10 @@ class MonteCarlo:
         self.lost = False  # whoever judges that says so
         self._moved = inf
         self._turned = inf
-        self._slow = self._fast = settings.fits
-        self._short: deque[bool] = deque(maxlen=settings.looks_at)  # of the newest readings
+        self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest pings' likelihoods
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
-        self._fresh = False  # a reading has been kept since places were recalled
         self.news = 0  # readings that have been kept since places were looked for
-        self._parts = False  # the next reading is kept however near it is
-        self._kept: deque[Reading] = deque(maxlen=max(settings.kept, settings.remembered))
+        self._kept: deque[Reading] = deque(maxlen=settings.remembered)
 
     def may_be_at(self, free: NDArray[np.float64]) -> None:
         """Places where the robot may be, (n, 2), m, from now on."""
@@ -250,8 +243,8 @@ class MonteCarlo:
         self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
         self.forget()  # no motion is known that leads on from there
-        self._since, self._fresh = (0.0, 0.0, 0.0), False
-        self._slow = self._fast = self.settings.fits  # guesses that lie apart fit badly at first
+        self._since = (0.0, 0.0, 0.0)
+        self._logs.clear()
         self._moved = self._turned = inf
 
     def _uncalibrated(self, n: int, share: float = 1.0) -> Poses:
@@ -310,23 +303,21 @@ class MonteCarlo:
         self.changes += 1
         self._keep(echoes)
         likelihood = self._model.likelihood(self.poses, echoes)
-        self._judge(likelihood, echoes)
+        self._logs.extend((self.weights @ _logs(likelihood)).tolist())
         trust = self.settings.doubtful if self.lost else self.settings.trust
         logs = trust * np.log(likelihood, dtype=np.float32).sum(axis=1, dtype=np.float64)
         weights = self.weights * np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
-        few = 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses)
-        if few or self._recalls:
+        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
             self._resample()
 
     def _keep(self, echoes: Sequence[Echo]) -> None:
         """Keep a reading, with the motion that led to it from the one before."""
         x, y, turn = self._since
         far = hypot(x, y) > self.settings.apart_m or abs(turn) > self.settings.apart_rad
-        if far or not self._kept or self._parts:
+        if far or not self._kept:
             self._kept.append(Reading(self._since, echoes, []))
-            self._since, self._parts = (0.0, 0.0, 0.0), False
-            self._fresh = True
+            self._since = (0.0, 0.0, 0.0)
             self.news += 1
             return
         if self.settings.whole:
@@ -341,48 +332,14 @@ class MonteCarlo:
             self._kept.popleft()
         self.news = but
 
-    def mark(self) -> None:
-        """What is heard from now on counts as news, and is no part of a reading of before."""
-        self.news, self._parts = 0, True
+    def mark(self, newest: int = 0) -> None:
+        """From now on only the newest so many readings are news, and what is heard after them."""
+        self.news = min(self.news, newest)
 
     @property
-    def echoes_of_news(self) -> int:
-        """How many pings there are in the news."""
-        news = islice(reversed(self._kept), self.news)
-        return sum(len(reading.echoes) + len(reading.more) for reading in news)
-
-    def _recall(self) -> Poses:
-        """Places that the readings of late speak for, wherever the particles are.
-
-        Sensor resetting (Lenser and Veloso 2000) by a stretch of the drive, of any length up to all
-        that is kept: one cycle's readings fit in a hundred places, those of the last metres in
-        few, but none of them fits if the robot was carried away in between. Only what fits better
-        by far than where the particles are counts: readings are bad where the map is, too.
-        """
-        settings = self.settings
-        kept = min(len(self._kept), settings.kept)
-        back = (
-            int(self._rng.integers(min(5, kept), kept + 1)) if self._fast < settings.bad else kept
-        )
-        poses = np.repeat(self._sifted(back), COPIES, axis=0)
-        poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
-        logs = self._past(poses, back)
-        known = self.poses[np.argsort(-self.weights)[: settings.known]]
-        least = float(self._past(known, back).max()) + settings.better
-        best = np.argsort(-logs)[: settings.tries]
-        return poses[best[logs[best] > least]]
-
-    def _sifted(self, back: int) -> Poses:
-        """The best of many places: after each few readings the worse ones are dropped."""
-        poses = self._anywhere(self.settings.candidates)
-        logs = np.zeros(len(poses))
-        for k, (to, echoes) in enumerate(self._back(back), start=1):
-            likelihood = self._model.likelihood(_moved(poses, to), echoes, coarse=True)
-            logs += np.log(likelihood).sum(axis=1)
-            if k % SIFTED_AFTER == 0:
-                best = np.argsort(-logs)[: max(self.settings.tries, len(logs) // 3)]
-                poses, logs = poses[best], logs[best]
-        return poses[np.argsort(-logs)[: self.settings.tries]]
+    def fit(self) -> float:
+        """The geometric mean of the newest pings' likelihoods where the particles are."""
+        return exp(sum(self._logs) / len(self._logs)) if self._logs else 1.0
 
     def places(self) -> list[Place]:
         """Where the robot may be by all that is kept, best first; the particles go there.
@@ -395,9 +352,47 @@ class MonteCarlo:
             self._gather(guesses, np.array([place.share for place in places]))
         return places
 
-    def rivals(self) -> list[Place]:
-        """Where it may be by the readings since `mark`, best first; the particles stay."""
-        return self._search(list(islice(self._readings(), self.news)))[1]
+    def elsewhere(self, here: Pose2) -> Elsewhere | None:
+        """The place apart from this one that the news speak for most; the particles stay."""
+        settings = self.settings
+        stretch = list(islice(self._readings(), min(self.news, settings.doubted)))
+        guesses, places = self._search(stretch)
+        others = [k for k, place in enumerate(places) if apart(place.pose, here)]
+        if not others:
+            return None
+        drawn = self._drawn(settings.tries)
+        known = np.column_stack([self.poses[drawn], self.wheels[drawn, :2]])
+        near = np.array([not apart(place.pose, here) for place in places])
+        known = np.concatenate([known, guesses[near]])
+        stay = np.cumsum([self._likely(known, at) for at in stretch], axis=0).max(axis=1)
+        leave = np.cumsum([self._likely(guesses[others], at) for at in stretch], axis=0)
+        pings = np.cumsum([len(at.reading.echoes) + len(at.reading.more) for at in stretch])
+        odds = settings.trust * (leave - stay[:, None])
+        odds[pings < min(PINGS, pings[-1])] = -inf
+        back, best = np.unravel_index(int(odds.argmax()), odds.shape)
+        return Elsewhere(
+            places[others[best]].pose,
+            float(odds[back, best]),
+            int(back) + 1,
+            exp(leave[back, best] / pings[back]),
+            exp(stay[back] / pings[back]),
+            float(odds[-1].max()),
+        )
+
+    def _likely(self, guesses: Poses, at: Behind, *, whole: bool = True) -> NDArray[np.float64]:
+        """The logarithm of the likelihood of a reading behind each guess, (guesses,).
+
+        A guess has a pose, the wheels' drift and their turning error.
+        """
+        to, way, turn, reading = at
+        bent = guesses[:, 3] * np.float32(way) + guesses[:, 4] * np.float32(turn)
+        poses = guesses[:, :3].copy()
+        poses[:, 2] += np.float32(0.5) * bent  # an arc's chord has turned by half
+        poses = _moved(poses, to)
+        poses[:, 2] += np.float32(0.5) * bent
+        echoes = [*reading.echoes, *reading.more] if whole else reading.echoes
+        found: NDArray[np.float64] = _logs(self._model.likelihood(poses, echoes)).sum(axis=1)
+        return found
 
     def _search(self, stretch: Sequence[Behind]) -> tuple[Poses, list[Place]]:
         """Places on the whole map by a stretch of the drive, best first, and guesses there.
@@ -448,8 +443,7 @@ class MonteCarlo:
     ) -> tuple[Poses, NDArray[np.float64]]:
         """The best guess about each place, best first, of places that lie apart; and their logs.
 
-        A guess has a pose, the wheels' drift and their turning error. The first round, the one with
-        most guesses, takes the echoes of one cycle of each reading.
+        The first round, the one with most guesses, takes the echoes of one cycle of each reading.
         """
         settings, whole = self.settings, share < 1.0
         wheels = np.array((settings.drift_rad_m, settings.turn_error), dtype=np.float32)
@@ -457,15 +451,8 @@ class MonteCarlo:
         noise *= np.concatenate([NEAR_BY, wheels]) * np.float32(share)
         guesses = np.concatenate([guesses, np.repeat(guesses, copies, axis=0) + noise])
         logs = -0.5 * ((guesses[:, 3:] / wheels) ** 2).sum(axis=1, dtype=np.float64)
-        for to, way, turn, reading in stretch:
-            bent = guesses[:, 3] * np.float32(way) + guesses[:, 4] * np.float32(turn)
-            at = guesses[:, :3].copy()
-            at[:, 2] += np.float32(0.5) * bent  # an arc's chord has turned by half
-            at = _moved(at, to)
-            at[:, 2] += np.float32(0.5) * bent
-            echoes = [*reading.echoes, *reading.more] if whole else reading.echoes
-            likelihood = self._model.likelihood(at, echoes)
-            logs += np.log(GHOST + (1.0 - GHOST) * likelihood).sum(axis=1)
+        for at in stretch:
+            logs += self._likely(guesses, at, whole=whole)
         left, best = np.argsort(-logs), list[int]()
         while len(left) and len(best) < most:
             best.append(int(left[0]))
@@ -487,20 +474,6 @@ class MonteCarlo:
         self.wheels = self._uncalibrated(len(guesses), 0.5)
         self.wheels[:, :2] += guesses[:, 3:]
         self.weights = np.repeat(shares / (each * shares.sum()), each)
-        self._slow = self._fast = self.settings.fits
-
-    def _past(self, poses: Poses, back: int) -> NDArray[np.float64]:
-        """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
-        logs = np.zeros(len(poses))
-        for to, echoes in self._back(back):
-            likelihood = self._model.likelihood(_moved(poses, to), echoes)
-            logs += np.log(likelihood).sum(axis=1)
-        return logs
-
-    def _back(self, count: int) -> Iterator[tuple[Pose2, Sequence[Echo]]]:
-        """What was heard in the cycles of the newest readings, and the motion there from now."""
-        for at in islice(self._readings(), count):
-            yield at.to, at.reading.echoes
 
     def _readings(self) -> Iterator[Behind]:
         """The readings that are kept, backwards."""
@@ -511,53 +484,14 @@ class MonteCarlo:
             to = compose(to, relative(reading.motion, (0.0, 0.0, 0.0)))
             way, turn = way + reading.motion[0], turn + reading.motion[2]
 
-    def _judge(self, likelihood: NDArray[np.float32], echoes: Sequence[Echo]) -> None:
-        """How well the readings fit, but for what stands before the walls.
-
-        Somebody near answers half of the sonars, and that is no doubt of where the robot is: the
-        others tell. Where most are short, it is the place that is wrong.
-        """
-        best = int(self.weights.argmax())
-        short = likelihood[best] < UNEXPLAINED
-        if short.any():
-            unexplained = [echo for echo, bad in zip(echoes, short, strict=True) if bad]
-            short[short] = self._model.short(self.poses[[best]], unexplained)
-        self._short.extend(short.tolist())
-        if sum(self._short) <= self.settings.people * len(self._short):
-            likelihood = likelihood[:, ~short]
-        if likelihood.shape[1]:
-            self._average(float(self.weights @ likelihood.mean(axis=1, dtype=np.float64)))
-
-    def _average(self, fit: float) -> None:
-        self._slow += self.settings.slow * (fit - self._slow)
-        self._fast += self.settings.fast * (fit - self._fast)
-
-    @property
-    def _doubt(self) -> float:
-        """By what share the readings of late fit worse than they used to, or than they should."""
-        return max(0.0, 1.0 - self._fast / max(self._slow, self.settings.fits))
-
-    @property
-    def _recalls(self) -> bool:
-        """Whether to look for places that fit better; for one that is lost `places` does."""
-        return self._doubt > DOUBT and self._fresh and not self.lost
-
     def _resample(self) -> None:
-        """Low variance, as many as KLD sampling asks for, and some anywhere if it fits badly."""
+        """Low variance, as many as KLD sampling asks for."""
         n, forgets = self._needed(), np.float32(self.settings.forgets)
-        doubt = self._doubt
-        more = self._recall() if self._recalls else self.poses[:0]
-        self._fresh = False
         drawn = self._drawn(n)
         self.poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
         # Shrunk by as much as the noise widens it, a guess stays as wide as it is (Liu and West).
         keep = np.sqrt(1.0 - forgets**2)
         self.wheels = keep * self.wheels[drawn] + self._uncalibrated(n, float(forgets))
-        if len(more):  # as a tenth of the doubt: a place that fits better gains on its own
-            self.poses = np.concatenate([self.poses, more])
-            self.wheels = np.concatenate([self.wheels, self._uncalibrated(len(more))])
-            lighter = np.full(len(more), 0.1 * doubt / len(more))
-            self.weights = np.concatenate([self.weights * (1.0 - 0.1 * doubt), lighter])
 
     def _drawn(self, n: int) -> NDArray[np.intp]:
         """So many of them by low variance (table 4.4)."""
@@ -640,9 +574,21 @@ class MonteCarlo:
         off -= mean
         covariance = (off * w[:, None]).T @ off
         pose = (float(x + mean[0]), float(y + mean[1]), wrap(theta + float(mean[2])))
-        found = Estimate(pose, covariance, share, self._fast, self._slow)
+        found = Estimate(pose, covariance, share, self.fit)
         self._estimated = None if about is None else (self.changes, about, found)
         return found
+
+
+def apart(one: Pose2, other: Pose2) -> bool:
+    """Whether these are two places."""
+    far = hypot(one[0] - other[0], one[1] - other[1]) > LEAP_M
+    return far or abs(wrap(one[2] - other[2])) > LEAP_RAD
+
+
+def _logs(likelihood: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Of echoes' likelihoods, none of which counts for less than `GHOST`."""
+    logs: NDArray[np.float64] = np.log(GHOST + (1.0 - GHOST) * likelihood, dtype=np.float64)
+    return logs
 
 
 def _moved(poses: Poses, motion: Pose2) -> Poses:

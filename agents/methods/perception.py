@@ -24,6 +24,7 @@ from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.geometry import Pose2, compose, relative
 from armadico.core.messages import (
+    Correction,
     Cycle,
     Description,
     FleetPose,
@@ -73,7 +74,7 @@ class Perception(Agent):
     """
 
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Description, Pose, FleetPose)
+    hears: ClassVar[tuple[type[Message], ...]] = (Description, Pose, Correction, FleetPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
     parameters = Parameters
     launched_with = ("world", "namespace")
@@ -125,7 +126,7 @@ class Perception(Agent):
         """Where the odometry's origin lies in the world, if that is sure; it stays there a while.
 
         A robot that is lost has rarely been carried away: mostly it is where its wheels say that it
-        is, and beside it the walls that were there.
+        is, and beside it the walls that were there. Who was is told (`on_correction`).
         """
         if not pose.covariance or pose.deviation > self.p.walls.sure_m:
             return
@@ -135,6 +136,14 @@ class Perception(Agent):
                 self._origin = compose((pose.x, pose.y, pose.theta), back)
                 self._covariance = pose.covariance
                 self._sure_at, self._way = self.now, 0.0
+
+    def on_correction(self, correction: Correction) -> None:
+        """What a robot has near that seems to have been carried away is not what it had near.
+
+        But for what is forbidden, until a pose is sure.
+        """
+        if correction.elsewhere:
+            self._sure_at = -inf
 
     def on_fleet_pose(self, said: FleetPose) -> None:
         """Where another robot is, by its own word."""

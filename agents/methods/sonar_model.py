@@ -225,21 +225,6 @@ class SonarModel:
             found[:, column] = likelihood
         return found
 
-    def short(self, pose: Poses, echoes: Sequence[Echo]) -> NDArray[np.bool_]:
-        """Which echoes come from before the wall that should answer, at one pose: (1, 3)."""
-        x, y, theta = self._held(pose)
-        c, s = np.cos(theta), np.sin(theta)
-        found = np.zeros(len(echoes), dtype=np.bool_)
-        for k, echo in enumerate(echoes):
-            if echo.range is not None:
-                ahead, left = np.float32(echo.x), np.float32(echo.y)
-                ear_x = np.asarray(x + (c * ahead - s * left), dtype=np.float32)
-                ear_y = np.asarray(y + (s * ahead + c * left), dtype=np.float32)
-                where = self._where(ear_x, ear_y, theta + np.float32(echo.bearing))
-                sees_mm = self._heard[where].view(ROW)["sees_mm"].item()
-                found[k] = sees_mm > 1e3 * (echo.range + BEFORE_M)
-        return found
-
     def _where(self, x: Floats, y: Floats, heading: Floats) -> NDArray[np.int32]:
         """The rows of what is heard from there; the last ones where no sonar can be."""
         west, south = (np.float32(low - MARGIN_M) for low in self.bounds[:2])

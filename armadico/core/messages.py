@@ -549,6 +549,7 @@ class Correction(Message, frozen=True):
     theta: Real
     covariance: Annotated[tuple[Real, ...], Meta(min_length=COVARIANCE, max_length=COVARIANCE)]
     confidence: Share  # 0: lost
+    elsewhere: bool = False  # what it heard fits another place: what was near is not, or may not be
 
 
 class Particles(Message, frozen=True):

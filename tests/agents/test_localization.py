@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterator, Sequence
-from math import cos, hypot, pi, radians, sin, sqrt
+from math import cos, hypot, inf, pi, radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from armadico.agents.localization import Localization, Parameters, as_fired, sonar_model
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Place, Settings
+from armadico.agents.methods.monte_carlo import Elsewhere, Estimate, MonteCarlo, Place, Settings
 from armadico.agents.methods.reflectors import WALL
 from armadico.agents.methods.sonar_model import (
     EXACT,
@@ -232,14 +232,31 @@ def test_they_find_a_robot_of_which_nothing_is_known() -> None:
     assert followed[-1][1].share > 0.9
 
 
-def test_a_robot_that_was_carried_away_fits_badly_and_is_found_again() -> None:
+def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     before = follow(particles, START, 200)[-1][1]
-    after = follow(particles, (1.0, 1.5, 2.0), 500)
-    assert min(found.fit for _, found in after[:80]) < 0.75 * before.fit
-    way, turned = off(*after[-1])
-    assert (way, turned) < (0.15, 0.1)
+    particles.mark(4)
+    pose, after = follow(particles, (1.0, 1.5, 2.0), 60)[-1]
+    assert after.fit < 0.75 * before.fit
+    poses = particles.poses.copy()
+    other = particles.elsewhere(after.pose)
+    assert other is not None
+    assert hypot(other.pose[0] - pose[0], other.pose[1] - pose[1]) < 0.3
+    assert other.odds > 10.0
+    assert other.fit > 2.0 * other.stay_fit
+    assert other.readings <= particles.news - 3, "what was heard before it was lifted is not of it"
+    assert np.array_equal(particles.poses, poses)
+
+
+def test_where_it_is_nothing_speaks_for_another_place() -> None:
+    particles = filtered()
+    particles.start_at(START, 0.1, 0.05)
+    _, found = follow(particles, START, 200)[-1]
+    other = particles.elsewhere(found.pose)
+    assert other is None or other.throughout < -3.0
+    particles.mark()
+    assert particles.elsewhere(found.pose) is None, "nothing was heard since"
 
 
 def test_as_many_particles_as_the_spread_needs() -> None:
@@ -330,21 +347,6 @@ def test_rooms_that_are_alike_share_what_is_believed() -> None:
     first, second, *_ = particles.places()
     assert abs(abs(first.pose[0] - second.pose[0]) - 8.0) < 0.3
     assert 0.2 < second.share <= first.share < 0.8
-
-
-def test_what_is_heard_since_a_mark_speaks_for_a_place_and_moves_no_particle() -> None:
-    particles = filtered()
-    particles.start_at(START, 0.1, 0.1)
-    follow(particles, START, 150)
-    particles.mark()
-    assert particles.echoes_of_news == 0
-    assert particles.rivals() == []
-    pose, _ = follow(particles, START, 150)[-1]  # carried back
-    assert 200 < particles.echoes_of_news <= 300
-    before = particles.poses.copy()
-    best, *_ = particles.rivals()
-    assert hypot(best.pose[0] - pose[0], best.pose[1] - pose[1]) < 0.3
-    assert np.array_equal(particles.poses, before)
 
 
 def test_what_is_forgotten_speaks_for_no_place() -> None:
@@ -574,38 +576,84 @@ def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: st
     assert deviations[-1] > LOST_M
 
 
-@pytest.mark.parametrize(("fit", "lost"), [(0.6, True), (0.5, False)])
-def test_who_doubts_is_lost_once_what_it_hears_fits_well_elsewhere(
-    world: str, monkeypatch: pytest.MonkeyPatch, fit: float, lost: bool
-) -> None:
-    """It has not come far then; what people let it hear fits well nowhere."""
-    monkeypatch.setattr(MonteCarlo, "rivals", lambda _: [Place((1.0, 1.5, 2.0), 0.9, fit)])
-    robot = Robot(Parameters(world=world))
+def doubting(world: str, monkeypatch: pytest.MonkeyPatch, *others: Elsewhere | None) -> Robot:
+    """Carried away; what comes of looking for it elsewhere is this, the last one again."""
+    robot, told = Robot(Parameters(world=world)), list(others)
     for pose, motion in drive(START, 200):
         robot.at(pose, motion, pose)
-    pose, motion = (1.0, 1.5, 2.0), (0.01, 0.0, 0.0)
-    confidences = []
-    for _ in range(round(0.6 * Parameters().lost_way_m / motion[0])):
+
+    def elsewhere(particles: MonteCarlo, here: Pose2) -> Elsewhere | None:
+        return told.pop(0) if len(told) > 1 else told[0]
+
+    monkeypatch.setattr(MonteCarlo, "elsewhere", elsewhere)
+    return robot
+
+
+def carried(robot: Robot, cycles: int, motion: Pose2) -> list[float]:
+    """How unsure it says that it is then, m; infinite: lost."""
+    pose, unsure = (1.0, 1.5, 2.0), []
+    for _ in range(cycles):
         pose = compose(pose, motion)
-        confidences.append(robot.at(pose, motion, (0.0, 0.0, 0.0))[0].confidence)
-    assert (0.0 in confidences) == lost
+        (one,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        unsure.append(sqrt(one.covariance[0] + one.covariance[3]) if one.confidence else inf)
+    return unsure
 
 
-def test_who_doubts_is_slow_until_the_readings_fit_again(
+def other(odds: float, fit: float) -> Elsewhere:
+    return Elsewhere((1.0, 1.5, 2.0), odds, 3, fit, 0.3, odds)
+
+
+@pytest.mark.parametrize(
+    ("odds", "fit", "lost"), [(8.0, 0.6, True), (8.0, 0.35, False), (3.0, 0.6, False)]
+)
+def test_who_hears_what_fits_much_better_elsewhere_is_lost(
+    world: str, monkeypatch: pytest.MonkeyPatch, odds: float, fit: float, lost: bool
+) -> None:
+    """People let it hear what fits a little better elsewhere, and more of it all along."""
+    unsure = carried(doubting(world, monkeypatch, other(odds, fit)), 60, (0.02, 0.0, 0.0))
+    assert (inf in unsure) == lost
+    assert (max(unsure) > UNSURE_M) == (fit > 0.5), "who doubts is slow"
+
+
+def test_who_doubts_is_slow_until_nothing_speaks_for_another_place(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot, estimate = Robot(Parameters(world=world)), MonteCarlo.estimate
-    fits = iter((0.5, 0.35, 0.25, 0.35, 0.45))
+    robot = doubting(world, monkeypatch, other(3.0, 0.6), None)
+    slow = [off > UNSURE_M for off in carried(robot, 60, (0.02, 0.0, 0.0))]
+    assert any(slow)
+    assert not slow[-1]
 
-    def fits_so(particles: MonteCarlo, about: Pose2 | None = None) -> Estimate:
-        return replace(estimate(particles, about), fit=next(fits), usual=0.5)
 
-    monkeypatch.setattr(MonteCarlo, "estimate", fits_so)
-    unsure = []
-    for pose, motion in drive(START, 5):
-        (correction,) = robot.at(pose, motion, pose)
-        unsure.append(sqrt(correction.covariance[0] + correction.covariance[3]) > 0.3)
-    assert unsure == [False, False, True, True, False]
+def test_who_doubts_and_does_not_get_on_is_lost(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unsure = carried(doubting(world, monkeypatch, other(3.0, 0.6)), 130, (0.0, 0.0, 0.03))
+    assert UNSURE_M < unsure[60] < LOST_M
+    assert inf in unsure
+
+
+@pytest.mark.parametrize(("odds", "lost"), [(8.0, True), (3.0, False)])
+def test_who_hears_what_fits_elsewhere_says_so_until_it_does_not(
+    world: str, monkeypatch: pytest.MonkeyPatch, odds: float, lost: bool
+) -> None:
+    robot = doubting(world, monkeypatch, other(odds, 0.6), None)
+    del robot.said[:]
+    slow = [off > UNSURE_M for off in carried(robot, 300, (0.0, 0.0, 0.03))]
+    said = [one.elsewhere for one in robot.said if isinstance(one, Correction)]
+    first, then = slow.index(True), said.index(True)
+    assert first == then
+    until = said.index(False, then)
+    assert (0.0 in [one.confidence for one in robot.said if isinstance(one, Correction)]) == lost
+    assert True not in said[until:]
+
+
+def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
+    robot = Robot(Parameters(world=world, start="anywhere"))
+    found(robot, 250)
+    said = [one for one in robot.said if isinstance(one, Correction)]
+    assert said[0].confidence == 0.0
+    assert said[-1].confidence > 0.9
+    assert not any(one.elsewhere for one in said)
 
 
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:

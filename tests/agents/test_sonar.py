@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import cos, hypot, pi, radians, sin
+from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
@@ -11,7 +12,16 @@ from armadico.agents.methods.comers import AHEAD_S
 from armadico.agents.sonar import LOOK_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
-from armadico.core.messages import Cycle, Echo, Obstacles, Point, Pose, RobotState, Sonar
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Echo,
+    Obstacles,
+    Point,
+    Pose,
+    RobotState,
+    Sonar,
+)
 from armadico.launch.society import Options, members
 from tests.framework.robots import described
 
@@ -238,6 +248,26 @@ def test_a_robot_that_gets_lost_is_for_a_while_where_its_wheels_say(lost: float 
     assert front == sorted(front)  # the wall is taken to be farther off the longer it is so
     ring.now += Parameters().walls.kept_s
     assert ring.ping((AHEAD, None), odometry=(0.2, 0.0, 0.0)).points == ()
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_one_that_was_lifted_expects_what_is_forbidden_and_no_wall_of_where_it_was(
+    tmp_path: Path, elsewhere: bool
+) -> None:
+    lines = "LINES\n800 -1000 800 1000\n"
+    stairs = 'Cairn: ForbiddenLine 0 0 0 "" ICON "Stairs" -800 -1000 -800 1000\n'
+    file = tmp_path / "stairs.map"
+    file.write_text(f"2D-Map\n{stairs}{lines}")
+    ring = Ring(Parameters(world=str(file)))
+    found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0))
+    assert {point.x > 0.0 for point in found.points} == {False, True}
+    wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    lost = Correction(Cycle(1, ring.number), 0, 0, 0, wide, 0.0, elsewhere)
+    ring.agent.receive(lost, ring.now)
+    found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0), deviation=1.4)
+    assert {point.x > 0.0 for point in found.points} == ({False} if elsewhere else {False, True})
+    found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0))
+    assert {point.x > 0.0 for point in found.points} == {False, True}, "found where it was"
 
 
 def test_that_lasts_no_longer_than_odometry_can_be_trusted() -> None:
