@@ -157,7 +157,7 @@ def test_an_agent_of_the_table_that_is_not_installed_is_named_with_the_table(
     table.write_text(TABLE.replace('"goto"', '"gotoo"'))
     assert main(["up", "--host", "lab1", "--hosts", str(table), "--namespace", "places"]) == 2
     assert (
-        "lab.toml: lab1.agents: no agent 'gotoo'; did you mean 'goto'?" in capsys.readouterr().err
+        "lab.toml:7: lab1.agents: no agent 'gotoo'; did you mean 'goto'?" in capsys.readouterr().err
     )
 
 
