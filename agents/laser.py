@@ -62,7 +62,7 @@ class LaserAgent(Perception):
             self.log("the laser sees again", INFO)
         if walls is not None:
             walls.see(seen.look)
-        believed = () if walls is None else walls.points()
+        believed = () if walls is None else walls.points(seen.outline)
         looks = seen.look([(o.x, o.y) for o in believed])
         told = (Look.SEEN, Look.THROUGH)
         self._expect(o for o, look in zip(believed, looks, strict=True) if look not in told)

@@ -72,7 +72,7 @@ class SonarAgent(Perception):
         explained = [False] * len(sonar.echoes) if walls is None else walls.hear(sonar.echoes)
         far = [not _close(echo) for echo in sonar.echoes]
         seen.update(sonar.echoes, list(map(and_, explained, far)))
-        self._expect(() if walls is None else walls.points())
+        self._expect(() if walls is None else walls.points(seen.outline))
         self._listened += 1
         self._pings += len(sonar.echoes)
         body = seen.outline

@@ -28,6 +28,7 @@ from armadico.agents.methods.settings import WallSettings
 from armadico.config.worlds import Segment
 from armadico.core.geometry import Pose2
 from armadico.core.messages import COVARIANCE, Echo
+from armadico.core.swept_path import Outline
 
 STEP_M = 0.06
 """From one place of a wall to the next: the body's corner comes half of that through, and is kept
@@ -113,6 +114,10 @@ SLOW_M = 0.03
 
 BESIDE_M = 0.05
 """A place no farther than this beyond the nearest in a cone may be the one that was heard."""
+
+UNHEARD_M = 0.05
+"""A wall so near the body that nobody has heard lately is where the map has it: the benefit of the
+doubt by which a door is passed, m, is more than what is kept as a corner turns past it."""
 
 
 class KnownWalls:
@@ -270,8 +275,12 @@ class KnownWalls:
         for three in answered:
             self._doubts.pop(three, None)
 
-    def points(self) -> list[Obstacle]:
-        """The nearest place that is believed, in each direction in which there is one."""
+    def points(self, outline: Outline | None = None) -> list[Obstacle]:
+        """The nearest place that is believed, in each direction in which there is one.
+
+        What has not been heard is the less farther off than the map has it the nearer the robot's
+        `outline` is to it.
+        """
         s = self.settings
         best: dict[int, _Near] = {}
         for place in self._near:
@@ -282,7 +291,19 @@ class KnownWalls:
             there = best.get(at)
             if there is None or place.distance < there.distance:
                 best[at] = place
-        return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
+        return [self._expected(place, outline) for place in best.values()]
+
+    def _expected(self, place: _Near, outline: Outline | None) -> Obstacle:
+        """Where a place is published."""
+        x, y = place.x, place.y
+        if outline is None or place.off <= 0.0 or place.three in self._heard:
+            return Obstacle(x, y, place.distance)
+        mapped = x - place.off * place.nx, y - place.off * place.ny
+        less = place.off - max(0.0, outline.clearance(*mapped) - UNHEARD_M)
+        if less <= 0.0:
+            return Obstacle(x, y, place.distance)
+        x, y = x - less * place.nx, y - less * place.ny
+        return Obstacle(x, y, math.hypot(x, y))
 
     def _explains(self, echo: Echo) -> bool:
         if echo.range is None:
@@ -314,9 +335,8 @@ class KnownWalls:
         for away, place in may:
             if away - nearest < BESIDE_M:
                 by = min(place.off, place.by - (nearest - echo.range))
-                if by < place.off or place.three in self._heard:
-                    side = place.side
-                    self._heard[place.three] = _Heard(side * by, side * max(by, place.by - SLOW_M))
+                side = place.side
+                self._heard[place.three] = _Heard(side * by, side * max(by, place.by - SLOW_M))
         return bool(may)
 
     @property

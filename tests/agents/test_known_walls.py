@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from math import cos, hypot, pi, radians, sin
+from math import atan2, cos, hypot, pi, radians, sin, sqrt
 
 import pytest
 
-from armadico.agents.methods.known_walls import HEARD_CYCLES, STEP_M, KnownWalls, Segment
+from armadico.agents.methods.known_walls import (
+    HEARD_CYCLES,
+    STEP_M,
+    UNHEARD_M,
+    KnownWalls,
+    Segment,
+)
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2, to_world
+from armadico.core.swept_path import Outline
 from tests.agents.pings import Ping
 
 WALL = (1.0, -2.0, 1.0, 2.0)  # square across the way, a metre ahead
@@ -249,6 +256,35 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
     for _ in range(HEARD_CYCLES + 1):
         known.hear([])
     assert ahead() == pytest.approx(far)
+
+
+BODY = Outline(front=0.25, rear=0.25, half_width=0.2)
+
+
+@pytest.mark.parametrize("away", [0.01, 0.04, 0.06, 0.1, 0.3])
+def test_a_wall_beside_the_body_that_nobody_heard_is_where_the_map_has_it(away: float) -> None:
+    """Farther off by what the pose may be off, a corner would be turned into it."""
+    may = 0.06
+    known = KnownWalls([(-2.0, -0.2 - away, 2.0, -0.2 - away)])
+    known.look(HERE, sure(sqrt(2.0) * may))
+    expected = min(-o.y for o in known.points(BODY) if abs(o.x) < 0.2) - BODY.half_width
+    assert expected == pytest.approx(away + min(may, max(0.0, away - UNHEARD_M)))
+    assert min(-o.y for o in known.points()) - BODY.half_width == pytest.approx(away + may)
+
+
+@pytest.mark.parametrize("off", [0.05, -0.05])
+def test_a_doors_post_that_was_heard_is_where_it_was_heard_however_near(off: float) -> None:
+    """Off to one side of a door by the pose, it fits through all the same."""
+    post = 0.23  # to the right, by the map
+    known = KnownWalls([(0.3, -post, 0.3, -1.0)])
+    for _ in range(3):
+        known.look(HERE, sure(0.1))
+        away = hypot(0.3, post + off)
+        assert explains(known, Ping(0.0, 0.0, atan2(-post, 0.3), away))
+    known.look(HERE, sure(0.1))
+    heard = min(hypot(o.x, o.y) for o in known.points(BODY))
+    mapped = hypot(0.3, post)
+    assert heard > mapped + 0.02 if off > 0.0 else heard < mapped - 0.02
 
 
 def beside(y: float = 0.74) -> KnownWalls:
