@@ -5,19 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.cli import main
+from armadico.core.exchange import fuzzy_window
 from armadico.core.messages import (
     Ack,
     Ballot,
     BidHistory,
     BidRecord,
+    Claim,
     Cycle,
     Message,
     Pose,
     RobotState,
     encode,
 )
+from armadico.core.resources import WHEELS
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
 from armadico.observe.watching import Heard, Presence
@@ -82,3 +86,37 @@ def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
     (bids,) = [each for each in seen if isinstance(each, Bids)]
     assert (bids.instance, bids.age) == (GOTO, pytest.approx(0.1))
     assert [each.at for each in seen] == sorted(each.at for each in seen)
+
+
+@pytest.mark.parametrize("first", ["winner", "loser"])
+@pytest.mark.parametrize("blended", [True, False])
+def test_who_takes_over_may_be_recorded_before_whom_it_took_over_from(
+    tmp_path: Path, first: str, blended: bool
+) -> None:
+    """Both speak at once; the winner had received what the loser wanted in that very cycle."""
+    recording = Recording(path := tmp_path / "handed.mcap")
+
+    def said(at: float, key: str, message: Message) -> None:
+        recording.take(Heard("robot1", key, encode(message), round(at * SECOND)))
+
+    def claim(number: int, ballot: Ballot, wanted: float, commanded: float) -> Claim:
+        cycle, least = Cycle(1, number), ballot.utility
+        return Claim("wheels", ballot, cycle, least, wanted=(wanted, 0.0), commanded=(commanded, 0))
+
+    loser, winner = Ballot(1, 0.6, False, GOTO), Ballot(2, 0.9, False, "gothrough-2")
+    last, step, wants = 40, 0.02, 0.1
+    for number in range(10, last + 1):
+        at, speed = number / 10, step * (number - 10)
+        said(at, "robot/state", replace(state(number), v=speed - step))
+        said(at, "resource/wheels/ack", replace(ack(number, 1), measured=(speed - step, 0.0)))
+        spoken = [claim(number, loser, speed, speed)]
+        if number == last:
+            window = fuzzy_window((speed - wants) / WHEELS.scale[0])
+            share = 0.9 / (0.9 + 0.6 * (window - 1.0)) if blended else 1.0
+            begins = speed + share * (wants - speed)
+            spoken.insert(0 if first == "winner" else 1, claim(number, winner, wants, begins))
+        for later, each in enumerate(spoken):
+            said(at + 0.01 + later / 1000, "resource/wheels/utility", each)
+    recording.close()
+    broken = {violation.promise for violation in check(path, None, pytest.fail).violations}
+    assert broken == (set() if blended else {Promise.SMOOTH})

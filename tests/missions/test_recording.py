@@ -9,7 +9,10 @@ import pytest
 
 pytest.importorskip("mcap")
 
+from mcap.reader import make_reader
+
 from armadico.core.messages import (
+    Ack,
     Alarm,
     Board,
     Claim,
@@ -23,9 +26,11 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.observe.recorder import Recording
-from armadico.observe.recordings import rows
+from armadico.observe.recordings import HERE, rows
 from armadico.observe.watching import Heard
-from armadico_tools.faults.real_recording import check
+from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.real_recording import check, observations
+from armadico_tools.recordings import LIVE
 from tests.missions.test_surveillance import FINAL, ORIGINAL, surveillance
 from tests.once import Once
 
@@ -62,3 +67,41 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     who = {claim.ballot.instance.rpartition("-")[0] for claim in heard(Claim)}
     assert {"goto", "gothrough", "mission-planning"} <= who
     assert not check(path, None, pytest.fail).violations
+
+
+def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
+    """`armadico up surveillance`, recorded live, and read back (`armadico_tools.recordings`)."""
+    heard: dict[type[Message], list[Message]] = {}
+    who: dict[str, int] = {}
+    read = [*rows(LIVE, pytest.fail)]
+    for row in read:
+        if row.schema == HERE:
+            who[row.fields["name"]] = who.get(row.fields["name"], 0) + 1
+        elif (message := row.message) is not None:
+            heard.setdefault(type(message), []).append(message)
+    assert read[-1].t - read[0].t > 595 * SECOND
+    assert set(who.values()) == {1}, "nobody left, or was started again"
+    assert {"robot", "mission-planning", "planner-onward", "monitor", "wakeup"} <= set(who)
+    assert len(who) >= 15
+
+    def all_of(kind: type[M]) -> list[M]:
+        return [message for message in heard[kind] if isinstance(message, kind)]
+
+    missions = {mission.name: mission for mission in all_of(Board)[-1].missions}
+    assert {name: mission.state for name, mission in missions.items()} == {
+        "surveillance": MissionEnd.DONE,
+        "rounds": MissionEnd.ACTIVE,
+    }
+    steps = [result.step for result in missions["surveillance"].course.results]
+    assert steps == [*ORIGINAL[:3], *FINAL]
+    assert {alarm.room for alarm in all_of(Alarm) if alarm.on} == {"R21"}
+    assert [photo.room for photo in all_of(Photo)][:2] == ["R1", "R11"]
+    assert all_of(Truth)[-1].collisions == 0
+    obeyed = {ack.obeyed.instance for ack in all_of(Ack) if ack.obeyed is not None}
+    assert {one.rpartition("-")[0] for one in obeyed} >= {"goto", "gothrough", "mission-planning"}
+    with LIVE.open("rb") as stream:  # by a reader that is not ours
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(read)
+    assert not Checker().take_all(observations(read))

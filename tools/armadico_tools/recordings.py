@@ -1,10 +1,18 @@
-"""The recording that every change to an agent is tried on: `python -m armadico_tools.recordings`.
+"""The recordings that tests read: `python -m armadico_tools.recordings`.
 
-Without options it is replayed; the exit code is 1 at the first difference. `--update` makes it
-anew, for a change of what agents decide that is meant: the commit says what it was and why.
+Without options the one that every change to an agent is tried on is replayed; the exit code is 1 at
+the first difference. `--update` makes it anew, for a change of what agents decide that is meant:
+the commit says what it was and why. It is a drive through two doors that avoid, gothrough and goto
+share, in which goto is killed once and started again; of what was said only the agents' journals
+are kept.
 
-It is a drive through two doors that avoid, gothrough and goto share, in which goto is killed once
-and started again; of what was said only the agents' journals are kept.
+The other one, of ten minutes, was made by real processes: `--live FILE` takes such a recording, and
+leaves out of it what is large and what no test looks at.
+
+    armadico up surveillance &
+    armadico record ten.mcap --duration 600 &
+    armadico mission run surveillance --attach && armadico mission run rounds --attach
+    python -m armadico_tools.recordings --live ten.mcap
 """
 
 from __future__ import annotations
@@ -12,23 +20,41 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from armadico.cli import options
 from armadico.config.scenarios import load_scenario
-from armadico.core.messages import PROTOCOL
+from armadico.core.messages import (
+    PROTOCOL,
+    BidRecord,
+    Correction,
+    JournalPiece,
+    LocalMap,
+    Obstacles,
+    Particles,
+    Sonar,
+)
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.journals import JOURNAL
 from armadico.observe.recorder import PROFILE, McapFile
-from armadico.observe.recordings import Past, rows
+from armadico.observe.recordings import KINDS, Past, RecordingError, Row, rows
 from armadico.observe.replay import Outcome, replayed
 from armadico.observe.virtual_recording import Recorded
 
 SHIPPED: Final = Path(__file__).resolve().parents[2] / "tests" / "recordings" / "sc4.mcap"
 """Where it is in a checkout."""
+
+LIVE: Final = SHIPPED.with_name("surveillance.mcap")
+
+LEFT_OUT: Final = (
+    *(JournalPiece, BidRecord),
+    *(LocalMap, Obstacles, Particles, Sonar),
+    Correction,
+)
+"""Of a live recording: four fifths of its bytes. The checker of promises needs none of it."""
 
 SEED: Final = 11
 LIMIT_S: Final = 10.0
@@ -50,13 +76,25 @@ def make(path: Path) -> None:
         whole = Path(folder) / "run.mcap"
         with Recorded(made.mesh, whole, made.namespace):
             made.run()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.unlink(missing_ok=True)
-        file = McapFile(path, {PROFILE: {"protocol": str(PROTOCOL), "seed": str(SEED)}})
-        for row in rows(whole, options.say):
-            if row.key.startswith(JOURNAL):
-                file.add(row.namespace, row.key, None, row.data, row.t)
-        file.close()
+        about = {"protocol": str(PROTOCOL), "seed": str(SEED)}
+        _copy(whole, path, lambda row: row.key.startswith(JOURNAL), about)
+
+
+def keep(live: Path, path: Path) -> None:
+    """Copy a live recording but for what is left out. Raises RecordingError and OSError."""
+    about: dict[str, str] = {}
+    next(rows(live, options.say, about), None)
+    _copy(live, path, lambda r: KINDS.get(r.schema, JournalPiece) not in LEFT_OUT, about)
+
+
+def _copy(source: Path, path: Path, kept: Callable[[Row], bool], about: Mapping[str, str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    file = McapFile(path, {PROFILE: about})
+    for row in rows(source, options.say):
+        if kept(row):
+            file.add(row.namespace, row.key, KINDS.get(row.schema), row.data, row.t)
+    file.close()
 
 
 def replay(path: Path) -> list[Outcome]:
@@ -67,10 +105,22 @@ def replay(path: Path) -> list[Outcome]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Replay it, or make it anew."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--update", action="store_true", help="make it anew")
-    if parser.parse_args(argv).update:
+    """Replay the one, make it anew, or the other."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--update", action="store_true", help="make the replayed one anew")
+    parser.add_argument("--live", type=Path, metavar="FILE", help="keep this one for the tests")
+    args = parser.parse_args(argv)
+    if args.live is not None:
+        try:
+            keep(args.live, LIVE)
+        except (OSError, RecordingError) as error:
+            options.say(f"{args.live}: {error}")
+            return 1
+        options.say(f"{LIVE}: {LIVE.stat().st_size / 1e6:.1f} MB")
+        return 0
+    if args.update:
         make(SHIPPED)
         options.say(f"{SHIPPED}: made anew")
     outcomes = replay(SHIPPED)

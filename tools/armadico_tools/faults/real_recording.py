@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from operator import itemgetter
 from pathlib import Path
+from typing import Final
+
+from msgspec.structs import replace
 
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
+    Ballot,
     BidRecord,
     Claim,
     Command,
@@ -29,6 +35,10 @@ from armadico_tools.faults.observations import (
     of_the_wheels,
 )
 
+AT_ONCE_S: Final = 0.02
+"""Who is heard within this of each other has spoken at once: a recorder, which is told by each on a
+connection of its own, may have them in either order."""
+
 SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
 
 
@@ -47,7 +57,38 @@ def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Che
 
 
 def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
-    """What the checker is shown of a recording; times are s."""
+    """What the checker is shown of a recording; times are s.
+
+    Of those who contend at once the smaller ballot is first: who took over from another had
+    received that one's claim, or it would not have taken over so.
+    """
+    held: list[Observation] = []
+    for seen in chain(_observed(recorded), (None,)):
+        if held and (seen is None or seen.at > held[0].at + AT_ONCE_S):
+            yield from _by_ballots(held)
+            held = []
+        if seen is not None and (held or _ballot(seen) is not None):
+            held.append(seen)
+        elif seen is not None:
+            yield seen
+
+
+def _by_ballots(held: Sequence[Observation]) -> Iterator[Observation]:
+    """The same moments; what was said of ballots is in the order of cycles and of these."""
+    contend = ((rank, seen) for seen in held if (rank := _ballot(seen)) is not None)
+    ranked = iter(sorted(contend, key=itemgetter(0)))
+    for seen in held:
+        yield seen if _ballot(seen) is None else replace(next(ranked)[1], at=seen.at)
+
+
+def _ballot(seen: Observation) -> tuple[int, int, Ballot] | None:
+    if isinstance(seen, Said) and isinstance(seen.message, Claim | Command):
+        message = seen.message
+        return message.cycle.epoch, message.cycle.number, message.ballot
+    return None
+
+
+def _observed(recorded: Iterable[Row]) -> Iterator[Observation]:
     newest: Cycle | None = None
     for row in recorded:
         at = row.t / 1e9
