@@ -448,7 +448,7 @@ class Fleet(Agent):
         if known is None or sharing is None:
             nothing = FleetClaims(self.robot, self.instance, NO_LIST)
             self.publish(nothing)
-            self.publish(FleetStatus(0, 0, 0, (), note=self._note))
+            self.publish(FleetStatus(0, 0, 0, (), note=line(self._unfit(self.fresh(Pose)))))
             return
         mine = sharing.mine
         order = [task for task in self._order if task in mine]
