@@ -25,9 +25,9 @@ class RobotRow(Struct, frozen=True):
 class FleetResult(Struct, frozen=True):
     """One run of a fleet.
 
-    `makespan_s` is from the moment that the list was taken on until the last task was done; null if
-    some were not. `twice` has those that two robots did. `messages` are those by which the tasks
-    were shared, poses apart, for one task.
+    `unreachable` are tasks that every robot has given up. `makespan_s` is from the moment that the
+    list was taken on until the last task was done; null if some were not. `twice` has those that
+    two robots did. `messages` are those by which the tasks were shared, poses apart, for one task.
     """
 
     scenario: str
@@ -40,6 +40,7 @@ class FleetResult(Struct, frozen=True):
     messages: float
     limit_s: float | None = None
     note: str = ""
+    unreachable: tuple[int, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -51,12 +52,14 @@ class FleetResult(Struct, frozen=True):
     def verdict(self) -> str:
         """One line on it."""
         took = "" if self.makespan_s is None else f" in {self.makespan_s:.1f} s"
+        left = ", ".join(map(str, self.unreachable))
+        nobody = f"; nobody gets to {left}" if left else ""
         limit = "" if self.limit_s is None else f"; time limit of {self.limit_s:.0f} s"
         known = [row.collisions for row in self.robots if row.collisions is not None]
         touched = f", {sum(known)} collisions" if known else ""
         return (
             f"{self.done} of {self.tasks} tasks done{took} by {len(self.robots)} robots,"
-            f" {len(self.twice)} twice; {self.messages:.0f} messages a task{touched}{limit}"
+            f" {len(self.twice)} twice; {self.messages:.0f} messages a task{touched}{nobody}{limit}"
         )
 
 
@@ -95,6 +98,8 @@ class FleetWatch:
     note: str = ""
     status: dict[str, FleetStatus] = field(default_factory=dict)
     _said: dict[str, float] = field(default_factory=dict)  # when each robot's last status came
+    # What each robot has given up, and when it spoke.
+    _given_up: dict[str, tuple[float, frozenset[int]]] = field(default_factory=dict)
     _robots: dict[str, _Robot] = field(default_factory=dict)
 
     def begin(self, list_id: int, now: float) -> None:
@@ -137,7 +142,11 @@ class FleetWatch:
         return now - self._said.get(robot, -inf) >= SILENT_S
 
     def _take(self, said: FleetClaims) -> None:
-        if self.began is None or said.cycle.epoch != self.list:
+        if self.began is None:
+            return
+        of_it = said.cycle.epoch == self.list
+        self._given_up[said.robot] = self.now, frozenset(said.given_up if of_it else ())
+        if not of_it:
             return
         self.messages += self.ended is None
         for each in said.done:
@@ -154,8 +163,15 @@ class FleetWatch:
 
     @property
     def over(self) -> bool:
-        """Whether all is done."""
-        return self.ended is not None
+        """Whether all is done, but for what nobody gets to."""
+        return self.ended is not None or bool(self.unreachable)
+
+    @property
+    def unreachable(self) -> tuple[int, ...]:
+        """All that is not done, if every robot that speaks has given it up; else none."""
+        given = [each for at, each in self._given_up.values() if self.now - at < SILENT_S]
+        left = set(range(self.tasks)) - self.done
+        return tuple(sorted(left)) if given and all(left <= each for each in given) else ()
 
     @property
     def remark(self) -> str:
@@ -183,6 +199,7 @@ class FleetWatch:
             messages=round(self.messages / max(self.tasks, 1), 1),
             limit_s=None if self.over else self.limit,
             note=self.note,
+            unreachable=self.unreachable,
         )
 
     def _row(self, name: str) -> RobotRow:

@@ -6,6 +6,7 @@ from random import Random
 
 import pytest
 
+from armadico.agents.fleet import TRIES
 from armadico.core.messages import FleetTask, Log, Message, MissionRequest, Stop, Waypoint
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.virtual import VirtualMesh
@@ -188,6 +189,41 @@ def test_a_task_to_which_one_robot_has_no_way_is_anothers() -> None:
     band.puppet("f/r1").unreachable.add((far.x, far.y))
     band.give("f/r1")
     assert band.run(400.0)
+    assert band.doers[2] == {"r2"}
+
+
+def test_a_list_is_over_when_all_have_given_up_what_is_left_and_another_is_taken_on() -> None:
+    band = at_work(2)
+    place = band.tasks[2].goal
+    for name in band.names:
+        band.puppet(name).unreachable.add((place.x, place.y))
+    heard = lines(band, "f/r2")
+    band.mesh.run(400.0, lambda: len(band.doers) == 8)
+    band.give("f/r1")
+    band.mesh.run(band.mesh.now + 1.0)
+    assert band.reply is not None
+    assert "of which 1 are not done" in band.reply.refusal, "it is tried some times"
+    band.mesh.run(band.mesh.now + 200.0)
+    assert "the list is over: nobody gets to 2" in heard
+    assert len([text for text in heard if text.startswith("task 2 is given back")]) == TRIES
+    band.give("f/r1")
+    band.mesh.run(band.mesh.now + 3.0)
+    assert not band.reply.refusal
+    assert len(band.doers) == 0, "by both"
+
+
+def test_what_one_robot_has_not_tried_is_waited_for_until_it_can() -> None:
+    band = at_work(2)
+    place = band.tasks[2].goal
+    band.puppet("f/r1").unreachable.add((place.x, place.y))
+    band.mesh.publish(Stop(1, True, "tester", 1), namespace="f/r2")
+    heard = lines(band, "f/r1")
+    band.mesh.run(600.0)
+    assert len([text for text in heard if text.startswith("task 2 is given back")]) > TRIES
+    assert not [text for text in heard if "the list is over" in text]
+    assert len(band.doers) == 8
+    band.mesh.publish(Stop(2, False, "tester", 1), namespace="f/r2")
+    assert band.run(100.0)
     assert band.doers[2] == {"r2"}
 
 

@@ -146,6 +146,20 @@ def test_whatever_ends_it_stops_the_robots() -> None:
     assert attached.stopped() == ["f/r1", "f/r2"]
 
 
+def test_what_nobody_gets_to_is_named_and_the_run_is_over() -> None:
+    attached = Attached(limit=600.0)
+    x, y, _ = LIST.tasks[3]
+    for name in attached.band.names:
+        attached.band.puppet(name).unreachable.add((x, y))
+    result = attached.run()
+    assert result.unreachable == (3,)
+    assert result.done == result.tasks - 1
+    assert not result.passed
+    assert result.limit_s is None, "it did not go on until its limit"
+    assert "nobody gets to 3" in result.verdict
+    assert not attached.stopped(), "there is nothing left to do"
+
+
 def test_all_that_die_end_it_and_nothing_is_said_to_be_stopped() -> None:
     attached = Attached()
 
