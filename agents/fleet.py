@@ -160,11 +160,12 @@ class Fleet(Agent):
         )
 
     def on_fleet_request(self, question: Question) -> FleetReply:
-        """Take a list on for all of the fleet, unless it works on one."""
+        """Take a list on for all of the fleet; if it works on one, only instead of that."""
         request = question.request
         assert isinstance(request, FleetRequest)
         sharing = self.sharing
-        if self._list is not None and sharing is not None and not sharing.over(self.now):
+        at_work = sharing is not None and not sharing.over(self.now)
+        if self._list is not None and sharing is not None and at_work and not request.replace:
             left, all_ = len(sharing.open), len(self._list.tasks)
             why = f"the fleet works on a list of {all_}, of which {left} are not done yet"
             return FleetReply(0, why)
@@ -198,7 +199,9 @@ class Fleet(Agent):
         if said.instance == self.instance:
             return
         if sharing is None or known is None or said.cycle.epoch != known.id:
-            left = known is not None and known.id not in self._finished
+            left = known is not None and (
+                known.id not in self._finished or said.cycle.epoch == known.follows
+            )
             late = self.now > self._given_at + GIVEN_S
             if (left or said.cycle == NO_LIST) and known is not None and late:
                 if self._give_at is None:
@@ -424,6 +427,8 @@ class Fleet(Agent):
     def _adopt(self, said: FleetTasks) -> None:
         """Work on a list from now on."""
         self._drop("there is another list")
+        if self._list is not None:
+            self._finished.add(self._list.id)  # whoever still works on it does not bring it back
         self._list, self._give_at = said, None
         places, looks = _split(said.tasks)
         self._tours = Tours(places, looks, self.p.cruise_m_s)

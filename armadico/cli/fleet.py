@@ -53,8 +53,11 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     for option, words in STARTING.items() if args.attach else ():
         if getattr(args, option):
             raise UsageError(
-                f"--{words} is for whoever starts the societies; --attach starts nobody"
+                f"--{words} is for whoever starts the societies (armadico up); --attach starts"
+                " nobody"
             )
+    if args.replace and not args.attach:
+        raise UsageError("--replace is for a fleet that is up: --attach")
     if args.attach and args.robots is not None and args.robots < 1:
         raise UsageError(f"--robots {args.robots}: at least 1 is waited for")
     seed = scenario.seed if args.seed is None else args.seed
@@ -131,8 +134,11 @@ def _attached(
     from armadico.launch.attached_fleet import AttachedFleet  # noqa: PLC0415
 
     options.end_as_by_ctrl_c()
-    fleet = fleet_of(args)
-    with AttachedFleet(scenario, chosen, args.robots, fleet, _joiner(args), options.say) as run:
+    run = AttachedFleet(
+        *(scenario, chosen, args.robots, fleet_of(args), _joiner(args), options.say),
+        replace=args.replace,
+    )
+    with run:
         run.find()
         options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
         page = beside(args, "page", scenario.world, run.names) if args.page else nullcontext()

@@ -67,8 +67,9 @@ def main(argv: Sequence[str]) -> int:
         from armadico.cli import fleet  # noqa: PLC0415 - not for --help
 
         return fleet.drive(args, scenario, chosen)
-    if args.robots is not None:
-        raise UsageError(f"--robots {args.robots}: {scenario.name} has no tasks for a fleet")
+    for option, given in (("--replace", args.replace), (f"--robots {args.robots}", args.robots)):
+        if given not in (None, False):
+            raise UsageError(f"{option}: {scenario.name} has no tasks for a fleet")
     return drive(args, scenario, chosen)
 
 
@@ -102,6 +103,11 @@ def parser() -> argparse.ArgumentParser:
         type=int,
         metavar="N",
         help="of a scenario with tasks for several: so many; with --attach, at least",
+    )
+    made.add_argument(
+        "--replace",
+        action="store_true",
+        help="with --attach, to a fleet: these tasks instead of those that it works on",
     )
     made.add_argument(
         "--watch",

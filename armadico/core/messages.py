@@ -912,9 +912,13 @@ class FleetClaims(Message, frozen=True):
 
 
 class FleetRequest(Message, frozen=True):
-    """Asks a fleet, by any one of its robots, to do a list of tasks."""
+    """Asks a fleet, by any one of its robots, to do a list of tasks.
+
+    `replace`: also instead of one that it works on, of which nothing more is done then.
+    """
 
     tasks: Annotated[tuple[FleetTask, ...], Meta(min_length=1, max_length=TASKS)]
+    replace: bool = False
 
 
 class FleetReply(Message, frozen=True):

@@ -39,10 +39,22 @@ class AttachedFleet(LiveFleet):
         fleet: str,
         join: Callable[[str], Mesh],
         warn: Callable[[str], None] = lambda _: None,
+        *,
+        replace: bool = False,
     ) -> None:
-        """Prepare; as in `LiveFleet`, but for `robots`: so many are waited for, at least one."""
+        """Prepare, as in `LiveFleet`.
+
+        Args:
+            scenario: The tasks, and the world that the robots have a map of.
+            options: What else was chosen.
+            robots: So many are waited for; None: one.
+            fleet: Its name.
+            join: Joins the mesh in a namespace.
+            warn: Told who is gone and what goes wrong.
+            replace: Give the list also instead of one that the fleet works on.
+        """
         super().__init__(scenario, options, fleet, join, warn)
-        self._wanted = robots or 1
+        self._wanted, self._replace = robots or 1, replace
         self._heard: dict[str, float] = {}  # when each robot's fleet agent last said its claims
         self._silent: set[str] = set()
         self._notes: dict[str, str] = {}  # why a robot does nothing, as it was said
@@ -97,10 +109,10 @@ class AttachedFleet(LiveFleet):
         *others, last = [*self._able()]
         for name in others:
             try:
-                return give(self._client(name), tasks)
+                return give(self._client(name), tasks, replace=self._replace)
             except AbsentError as error:
                 self._warn(str(error))
-        return give(self._client(last), tasks)
+        return give(self._client(last), tasks, replace=self._replace)
 
     # While it goes on ----------------------------------------------------------------------------
 
@@ -207,5 +219,5 @@ class AttachedFleet(LiveFleet):
         left = self.watch.tasks - len(self.watch.done)
         self._warn(
             f"the fleet remembers the list, of which {left} are not done: a robot that is released"
-            " goes on with it; it is forgotten when all robots of the fleet have been down"
+            " goes on with it; `armadico run --attach --replace` gives another one instead"
         )

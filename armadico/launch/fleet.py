@@ -76,12 +76,12 @@ def time_limit(scenario: Scenario, robots: int, options: Options) -> float:
     return 60.0 + len(scenario.tasks) / robots * (scenario.look_s + 0.5 * spread / SLOW_M_S)
 
 
-def give(client: Client, tasks: Sequence[FleetTask]) -> int:
-    """Give a robot the list; its id.
+def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -> int:
+    """Give a robot the list, also instead of one that the fleet works on (`replace`); its id.
 
     Raises MissionRefusedError saying why it is not taken on, AbsentError if nobody answers.
     """
-    reply = client.ask(FleetRequest(tuple(tasks)), TAKE_S)
+    reply = client.ask(FleetRequest(tuple(tasks), replace), TAKE_S)
     if not isinstance(reply, FleetReply):
         raise AbsentError("no fleet agent takes the list of tasks", client.mesh.namespace)
     if reply.refusal:

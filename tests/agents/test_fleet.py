@@ -7,7 +7,17 @@ from random import Random
 import pytest
 
 from armadico.agents.fleet import TRIES
-from armadico.core.messages import FleetTask, Log, Message, MissionRequest, Stop, Waypoint
+from armadico.core.messages import (
+    FleetReply,
+    FleetRequest,
+    FleetTask,
+    FleetTasks,
+    Log,
+    Message,
+    MissionRequest,
+    Stop,
+    Waypoint,
+)
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.virtual import VirtualMesh
 from armadico_tools.experiments.kinematic import Band
@@ -138,6 +148,33 @@ def test_a_second_list_has_to_wait_and_then_takes_the_first_ones_place() -> None
     assert not band.over
     assert band.run(400.0)
     assert once(band, 9)
+
+
+def test_a_list_may_take_the_place_of_one_that_is_worked_on_and_that_is_not_brought_back() -> None:
+    """Neither by one that was away until the new one was done, and still has the old one."""
+    band = at_work(3, 9)
+    away, rest = ["f/r3"], ["f/r1", "f/r2"]
+    band.mesh.run(15.0)
+    band.cut(away, rest)
+    two = FleetRequest(band.tasks[:2], replace=True)
+    replies: list[Message | None] = []
+    band.mesh.ask(two, replies.append, namespace="f/r2")
+    band.mesh.run(100.0, lambda: band.over)
+    (reply,) = replies
+    assert isinstance(reply, FleetReply)
+    assert not reply.refusal
+    shares = [band.fleet(name).sharing for name in (*rest, *away)]
+    assert [None if one is None else one.tasks for one in shares] == [2, 2, 9]
+    assert not any(one.open for one in shares[:2] if one is not None)
+    assert shares[2] is not None
+    old = FleetTasks(shares[2].clock.epoch, 0, band.tasks)
+    band.mesh.publish(old, namespace="f/r1")  # as the one that is away would give it
+    band.mesh.run(band.mesh.now + 1.0)
+    assert [s.tasks for name in rest if (s := band.fleet(name).sharing)] == [2, 2]
+    band.heal(away, rest)
+    band.mesh.run(band.mesh.now + 10.0)
+    assert [s.tasks for name in band.names if (s := band.fleet(name).sharing)] == [2, 2, 2]
+    assert band.over
 
 
 def test_two_fleets_with_one_name_are_told_apart() -> None:

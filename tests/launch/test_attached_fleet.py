@@ -51,8 +51,9 @@ class Attached:
     def heard(self, *words: str) -> bool:
         return any(all(word in line for word in words) for line in self.said)
 
-    def stop(self, name: str, *, stopped: bool = True) -> None:
-        self.band.mesh.publish(Stop(2 - stopped, stopped, "tester", 1), namespace=name)
+    def stop(self, name: str, *, stopped: bool = True, count: int = 1) -> None:
+        stop = Stop(count + (not stopped), stopped, "tester", 1)
+        self.band.mesh.publish(stop, namespace=name)
 
     def stopped(self) -> list[str]:
         return [name for name in self.band.names if self.band.fleet(name).stopped is not None]
@@ -203,6 +204,20 @@ def test_a_fleet_that_works_on_a_list_refuses_and_is_left_to_it() -> None:
             other.run()
 
     assert attached.run(1.0, again).passed
+
+
+def test_a_list_that_was_left_is_replaced_if_that_is_asked_for() -> None:
+    attached = Attached(limit=20.0)
+    assert not attached.run().passed
+    for name in attached.band.names:
+        attached.stop(name, stopped=False, count=1000)
+    said: list[str] = []
+    again = AttachedFleet(
+        LIST, Options(limit=300.0), None, "f", attached._join, said.append, replace=True
+    )
+    with again:
+        result = again.run()
+    assert result.passed, result.verdict
 
 
 def test_who_does_not_answer_is_not_asked_for_ever() -> None:
