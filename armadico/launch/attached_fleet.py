@@ -15,7 +15,7 @@ from armadico.launch.processes import undisturbed
 from armadico.launch.run import SILENT_S
 from armadico.mesh.topology import MeshError, TopologyError, checked_namespace
 from armadico.runtime.client import PRESS_S, Client
-from armadico.runtime.errors import AbsentError, RunFailedError, SocietyError
+from armadico.runtime.errors import AbsentError, MissionRefusedError, RunFailedError, SocietyError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -106,13 +106,16 @@ class AttachedFleet(LiveFleet):
     def hand_over(self) -> int:
         """See `LiveFleet`: the first of those that can take a task is asked, then the next."""
         tasks = tasks_of(self.scenario)
-        *others, last = [*self._able()]
-        for name in others:
-            try:
-                return give(self._client(name), tasks, replace=self._replace)
-            except AbsentError as error:
-                self._warn(str(error))
-        return give(self._client(last), tasks, replace=self._replace)
+        *others, last = self._able()
+        try:
+            for name in others:
+                try:
+                    return give(self._client(name), tasks, replace=self._replace)
+                except AbsentError as error:
+                    self._warn(str(error))
+            return give(self._client(last), tasks, replace=self._replace)
+        except MissionRefusedError as error:
+            raise MissionRefusedError(f"{error.reason}; --replace gives it instead") from None
 
     # While it goes on ----------------------------------------------------------------------------
 
