@@ -60,6 +60,9 @@ that are started again are back sooner."""
 PLANS: Final = 1
 """Ways that are planned in a cycle of the fleet, to know their length: the planner has others."""
 
+TRIES: Final = 3
+"""Who has tried a task so often in vain has given it up, unless all others have not."""
+
 NO_LIST: Final = Cycle(0, 0)
 
 
@@ -157,11 +160,13 @@ class Fleet(Agent):
         )
 
     def on_fleet_request(self, question: Question) -> FleetReply:
-        """Take a list on for all of the fleet, unless it works on one."""
+        """Take a list on for all of the fleet; if it works on one, only instead of that."""
         request = question.request
         assert isinstance(request, FleetRequest)
-        if self._list is not None and self.sharing is not None and self.sharing.open:
-            left, all_ = len(self.sharing.open), len(self._list.tasks)
+        sharing = self.sharing
+        at_work = sharing is not None and not sharing.over(self.now)
+        if self._list is not None and sharing is not None and at_work and not request.replace:
+            left, all_ = len(sharing.open), len(self._list.tasks)
             why = f"the fleet works on a list of {all_}, of which {left} are not done yet"
             return FleetReply(0, why)
         known = 0 if self._list is None else self._list.id
@@ -194,7 +199,9 @@ class Fleet(Agent):
         if said.instance == self.instance:
             return
         if sharing is None or known is None or said.cycle.epoch != known.id:
-            left = known is not None and known.id not in self._finished
+            left = known is not None and (
+                known.id not in self._finished or said.cycle.epoch == known.follows
+            )
             late = self.now > self._given_at + GIVEN_S
             if (left or said.cycle == NO_LIST) and known is not None and late:
                 if self._give_at is None:
@@ -206,6 +213,7 @@ class Fleet(Agent):
             self._begin_cycle()
         if len(sharing.done) != before:
             self._remember()
+        self._look_whether_done()
         self._go_on()
 
     def on_fleet_board(self, board: FleetBoard) -> None:
@@ -256,6 +264,7 @@ class Fleet(Agent):
 
     def _begin_cycle(self) -> None:
         assert self.sharing is not None, "a cycle of a list has begun"
+        self._look_whether_done()
         self._plans = PLANS
         self.sharing.turn(self._bids, self.now)
 
@@ -263,7 +272,8 @@ class Fleet(Agent):
         """What the robot would do."""
         sharing, pose = self.sharing, self.fresh(Pose)
         self._note = self._unfit(pose)
-        if self._note or sharing is None or pose is None:
+        over = self._list is not None and self._list.id in self._finished
+        if self._note or over or sharing is None or pose is None:
             self._order = []
             return {}
         self._barred = {task: until for task, until in self._barred.items() if until > self.now}
@@ -377,6 +387,8 @@ class Fleet(Agent):
         self.log(line(f"task {task} is given back for {again:g} s: {why}"), WARNING)
         self._drop(why)
         if self.sharing is not None:
+            if self._tries[task] >= TRIES:
+                self.sharing.given_up.add(task)
             self.sharing.let_go([task], self.now)
         self._go_on()
 
@@ -415,6 +427,8 @@ class Fleet(Agent):
     def _adopt(self, said: FleetTasks) -> None:
         """Work on a list from now on."""
         self._drop("there is another list")
+        if self._list is not None:
+            self._finished.add(self._list.id)  # whoever still works on it does not bring it back
         self._list, self._give_at = said, None
         places, looks = _split(said.tasks)
         self._tours = Tours(places, looks, self.p.cruise_m_s)
@@ -427,10 +441,16 @@ class Fleet(Agent):
 
     def _look_whether_done(self) -> None:
         known, sharing = self._list, self.sharing
-        if known is None or sharing is None or sharing.open or known.id in self._finished:
+        if known is None or sharing is None or known.id in self._finished:
+            return
+        if not sharing.over(self.now):
             return
         self._finished.add(known.id)
-        self.log(f"all {len(known.tasks)} tasks are done")
+        left = ", ".join(map(str, sharing.open))
+        if left:
+            self.log(line(f"the list is over: nobody gets to {left}"), WARNING)
+        else:
+            self.log(f"all {len(known.tasks)} tasks are done")
 
     def _remember(self) -> None:
         """Have the robot's other agents remember what is known."""
@@ -448,7 +468,7 @@ class Fleet(Agent):
         if known is None or sharing is None:
             nothing = FleetClaims(self.robot, self.instance, NO_LIST)
             self.publish(nothing)
-            self.publish(FleetStatus(0, 0, 0, (), note=self._note))
+            self.publish(FleetStatus(0, 0, 0, (), note=line(self._unfit(self.fresh(Pose)))))
             return
         mine = sharing.mine
         order = [task for task in self._order if task in mine]

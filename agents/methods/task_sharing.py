@@ -12,7 +12,8 @@ fastest clock, and go on whoever dies. In its turn a robot bids for what it hold
 would like to, and publishes all that it holds in one message: the talk of a cycle does not grow
 with the tasks, nor with those that would like them.
 
-What is done is done for ever: a set that only grows, published whole by everybody, each cycle.
+What is done is done for ever: a set that only grows, published whole by everybody, each cycle. What
+each of those who speak has given up is over, too: nobody tries it for ever.
 Sans-IO: messages and the time (s) in, messages out.
 """
 
@@ -49,6 +50,9 @@ FAR: Final = 1000
 
 LATEST: Final = 2**40
 """No cycle of a fleet has a greater number: there is always a next one."""
+
+SPEAKS_S: Final = 3 * PERIOD_S
+"""Who has said nothing for so long is not waited for."""
 
 _PREFIX: Final = "task-"
 
@@ -128,6 +132,8 @@ class TaskSharing:
         self.robot, self.instance, self.tasks = robot, instance, tasks
         self.clock = FleetClock(list_id, now)
         self.done: dict[int, set[str]] = {}  # by task, the robots that did it
+        self.given_up: set[int] = set()  # by oneself
+        self._others: dict[str, tuple[float, frozenset[int]]] = {}  # heard when; given up, by robot
         self._contenders: dict[int, Contender] = {}
         self._owners: dict[int, Owner] = {}
         exchange = EXCHANGES["abrupt"]
@@ -145,6 +151,14 @@ class TaskSharing:
     def open(self) -> list[int]:
         """Tasks that are not known to be done."""
         return [task for task in range(self.tasks) if task not in self.done]
+
+    def over(self, now: float) -> bool:
+        """Whether all is done, but for what each of those who speak has given up."""
+        left = self.open
+        if not self.given_up.issuperset(left) or self.mine:
+            return False
+        others = [given for at, given in self._others.values() if now - at < SPEAKS_S]
+        return all(given.issuperset(left) for given in others)
 
     @property
     def mine(self) -> list[int]:
@@ -167,6 +181,7 @@ class TaskSharing:
         if said.instance == self.instance or said.cycle.epoch != self.clock.epoch:
             return False
         begins = self.clock.follow(said.cycle, now)
+        self._others[said.robot] = now, frozenset(said.given_up)
         self.learn(said.done)
         there = set()
         for claim in said.claims:
@@ -241,7 +256,8 @@ class TaskSharing:
             for task, claim in self._claimed.items()
             if claim.utility is None or self._contenders[task].holding
         )
-        return FleetClaims(self.robot, self.instance, cycle, claims, done_of(self.done))
+        done, given_up = done_of(self.done), tuple(sorted(self.given_up - {*self.mine, *self.done}))
+        return FleetClaims(self.robot, self.instance, cycle, claims, done, given_up)
 
     # Inside --------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Several robots in one world, and a list of tasks that they share: `armadico run fleet`."""
+"""Several robots, and a list of tasks that they share: `armadico run fleet`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ LINE_S: Final = 5.0
 """How often a line is printed, s of the run."""
 
 ALONE: Final = (
-    "attach",
     "runs",
     "plot",
     "rrd",
@@ -38,6 +37,9 @@ ALONE: Final = (
 )
 """Options that are for the run of one robot."""
 
+STARTING: Final = {"without": "without", "besides": "with"}
+"""Beside those of one robot's run, what is for whoever starts the societies, and its option."""
+
 
 def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     """Have the tasks done; 0 only if all were, none twice, and nothing was touched."""
@@ -48,16 +50,28 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
             raise UsageError(
                 f"--{option} is for the run of one robot, and {scenario.name} is a fleet's"
             )
+    for option, words in STARTING.items() if args.attach else ():
+        if getattr(args, option):
+            raise UsageError(
+                f"--{words} is for whoever starts the societies (armadico up); --attach starts"
+                " nobody"
+            )
+    if args.replace and not args.attach:
+        raise UsageError("--replace is for a fleet that is up: --attach")
+    if args.attach and args.robots is not None and args.robots < 1:
+        raise UsageError(f"--robots {args.robots}: at least 1 is waited for")
     seed = scenario.seed if args.seed is None else args.seed
     chosen = replace(chosen, seed=seed)
-    say = _Lines(f"{scenario.name} seed {seed}")
-    result = (_virtual if args.virtual else _live)(args, scenario, chosen, say.show)
+    label = scenario.name if args.attach else f"{scenario.name} seed {seed}"
+    say = _Lines(label)
+    drive = _virtual if args.virtual else _attached if args.attach else _live
+    result = drive(args, scenario, chosen, say.show)
     if args.json:
         import msgspec  # noqa: PLC0415 - not for --help
 
         print(json.dumps(msgspec.to_builtins(result)))
     else:
-        _table(result)
+        _table(result, label)
     return 0 if result.passed else options.FAILED
 
 
@@ -92,17 +106,12 @@ def _live(
     from armadico.launch.fleet import names_of, robots_of  # noqa: PLC0415
     from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415
 
-    def join(namespace: str) -> Mesh:
-        mesh = options.join(argparse.Namespace(**{**vars(args), "namespace": namespace}))
-        mesh.open()
-        return mesh
-
     options.end_as_by_ctrl_c()
     fleet, joining = fleet_of(args), options.joining(args)
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
     page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
     try:
-        run = LocalFleet(scenario, chosen, args.robots, fleet, join, joining, options.say)
+        run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args), joining, options.say)
         with page, _recorder(args, scenario, run.names), run:
             options.say(
                 f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
@@ -113,6 +122,39 @@ def _live(
             f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
         )
         raise
+
+
+def _attached(
+    args: argparse.Namespace,
+    scenario: Scenario,
+    chosen: Options,
+    progress: Callable[[FleetWatch], None],
+) -> FleetResult:
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+    from armadico.launch.attached_fleet import AttachedFleet  # noqa: PLC0415
+
+    options.end_as_by_ctrl_c()
+    run = AttachedFleet(
+        *(scenario, chosen, args.robots, fleet_of(args), _joiner(args), options.say),
+        replace=args.replace,
+    )
+    with run:
+        run.find()
+        options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
+        page = beside(args, "page", scenario.world, run.names) if args.page else nullcontext()
+        with page, _recorder(args, scenario, run.names):
+            return run.run(progress)
+
+
+def _joiner(args: argparse.Namespace) -> Callable[[str], Mesh]:
+    """Who joins the mesh in a robot's namespace."""
+
+    def join(namespace: str) -> Mesh:
+        mesh = options.join(argparse.Namespace(**{**vars(args), "namespace": namespace}))
+        mesh.open()
+        return mesh
+
+    return join
 
 
 def _recorded(rehearsal: FleetRehearsal, scenario: Scenario, path: Path) -> Recorded:
@@ -145,18 +187,17 @@ class _Lines:
             options.say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
 
 
-def _table(result: FleetResult) -> None:
+def _table(result: FleetResult, label: str) -> None:
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(title=f"{result.scenario}, seed {result.seed}")
+    table = Table(title=label)
     for column in ("robot", "tasks", "way m", "collisions", "run into", "clearance m"):
         table.add_column(column, justify="left" if column in {"robot", "tasks"} else "right")
     for row in result.robots:
         least = "" if row.min_clearance_m is None else f"{row.min_clearance_m:.2f}"
         did = " ".join(map(str, row.tasks))
-        table.add_row(
-            row.robot, did, f"{row.way_m:.1f}", str(row.collisions), str(row.bumped), least
-        )
+        touched = ["" if count is None else str(count) for count in (row.collisions, row.bumped)]
+        table.add_row(row.robot, did, f"{row.way_m:.1f}", *touched, least)
     Console().print(table)
     print(result.verdict)

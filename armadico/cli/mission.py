@@ -1,4 +1,4 @@
-"""Have missions of several tasks done: run one, list, show, cancel."""
+"""Have missions of several tasks done: run one, list, show, cancel; the alarms."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ EXAMPLES: Final = """\
   armadico mission run rounds --attach --priority 0.9    the society is up: armadico up
   armadico mission list                                  those that come with Armadico
   armadico mission status                                of the society that is up
+  armadico mission alarms                                that are on, and whether seen to
   armadico mission cancel surveillance                   or by its number, or --all
   armadico mission log surveillance                      what came of each step
 """
@@ -40,7 +41,7 @@ RUN_EXAMPLES: Final = """\
   armadico mission run rounds --attach --priority 0.9
 """
 
-WHAT: Final = ("run", "list", "status", "cancel", "log")
+WHAT: Final = ("run", "list", "status", "alarms", "cancel", "log")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -51,6 +52,7 @@ def main(argv: Sequence[str]) -> int:
     doing: dict[str, Callable[[argparse.Namespace], int]] = {
         "list": _list,
         "status": _status,
+        "alarms": _alarms,
         "cancel": _cancel,
         "log": _log,
     }
@@ -161,6 +163,22 @@ def _status(args: argparse.Namespace) -> int:
             print(options.shown(f"alarms: {', '.join(board.alarms)}"))
         if not missions:
             print("no missions")
+    return 0
+
+
+def _alarms(args: argparse.Namespace) -> int:
+    """The alarms that are remembered; apart from `status`, whose list is of missions."""
+    with options.join(args) as mesh:
+        board = _board(_client(mesh))
+    rooms = () if board is None else board.alarms
+    checked = {room: board is not None and room not in board.unchecked for room in rooms}
+    if args.json:
+        print(json.dumps([{"room": room, "checked": seen} for room, seen in checked.items()]))
+        return 0
+    for room, seen in checked.items():
+        print(options.shown(f"{room:16} {'checked' if seen else 'nobody has been there yet'}"))
+    if not checked:
+        print("no alarms")
     return 0
 
 

@@ -50,6 +50,7 @@ EXAMPLES: Final = """\
   armadico run --world house --start 1 1.5 0 --for 600 --page    sent by clicks on a map
   armadico run my.toml --virtual --watch       again whenever a file changes: what moved
   armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
+  armadico run fleet --attach --namespace lab  robots that are up, lab/r1, lab/r2, ..., are given it
 """
 
 
@@ -66,8 +67,9 @@ def main(argv: Sequence[str]) -> int:
         from armadico.cli import fleet  # noqa: PLC0415 - not for --help
 
         return fleet.drive(args, scenario, chosen)
-    if args.robots is not None:
-        raise UsageError(f"--robots {args.robots}: {scenario.name} has no tasks for a fleet")
+    for option, given in (("--replace", args.replace), (f"--robots {args.robots}", args.robots)):
+        if given not in (None, False):
+            raise UsageError(f"{option}: {scenario.name} has no tasks for a fleet")
     return drive(args, scenario, chosen)
 
 
@@ -97,7 +99,15 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
     made.add_argument(
-        "--robots", type=int, metavar="N", help="of a scenario with tasks for several: so many"
+        "--robots",
+        type=int,
+        metavar="N",
+        help="of a scenario with tasks for several: so many; with --attach, at least",
+    )
+    made.add_argument(
+        "--replace",
+        action="store_true",
+        help="with --attach, to a fleet: these tasks instead of those that it works on",
     )
     made.add_argument(
         "--watch",

@@ -167,7 +167,7 @@ def _scenario(
     _check_attach(args)
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
-    start, goal = (_pose(flag, getattr(args, flag)) for flag in ("start", "goal"))
+    start, goal = (pose(flag, getattr(args, flag)) for flag in ("start", "goal"))
     world = _world(args)
     if world is not None:
         scenario = scenario_from(world, start, goal, profile_of(args.profile))
@@ -282,7 +282,7 @@ def _check_attach(args: argparse.Namespace) -> None:
             )
 
 
-def _pose(flag: str, given: Sequence[float] | None) -> PoseDeg | None:
+def pose(flag: str, given: Sequence[float] | None) -> PoseDeg | None:
     """Raises UsageError for what is no pose; whether it is free is the world's to say."""
     if given is None:
         return None

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.run_options import POSE, pose
 from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
 
@@ -32,6 +33,7 @@ EXAMPLES: Final = """\
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  everybody on this machine
   armadico up rounds                               as few as that mission needs
+  armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
   armadico down                                    end it
 """
@@ -40,7 +42,7 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
     args = parser().parse_args(argv)
-    scenario = _scenario(args)
+    scenario = _started(args, _scenario(args))
     where = _place(args, scenario)
     with _signals() as received:
         try:
@@ -87,6 +89,9 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument(
         "--without", metavar="AGENT", action="append", default=[], help="leave one out"
+    )
+    made.add_argument(
+        "--start", **POSE, help="where this robot starts, if not where the scenario has it"
     )
     made.add_argument("--robot", metavar="URL", help="the controller, instead of the host entry's")
     made.add_argument(
@@ -148,6 +153,20 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
         )
     path = counted_from(Path.cwd() / "command line", args.scenario)
     return least(on_mission(load_scenario(mission.scenario), path))
+
+
+def _started(args: argparse.Namespace, scenario: Scenario | None) -> Scenario | None:
+    """The scenario with the start that is given. Raises UsageError, ConfigError."""
+    start = pose("start", args.start)
+    if start is None:
+        return scenario
+    if scenario is None:
+        raise UsageError("--start is in a scenario's world: name one")
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.config.scenarios import scenario_from  # noqa: PLC0415
+
+    return replace(scenario, start=scenario_from(scenario.world, start, None, scenario.robot).start)
 
 
 def _is_mission(name: str) -> bool:

@@ -900,6 +900,7 @@ class FleetClaims(Message, frozen=True):
 
     The claims are those of the resources `task-0`, `task-1` and so on. The cycle's epoch is the
     list's id, 0: it knows of no list. Nobody owns the cycles: who counts on first is followed.
+    `given_up` are tasks that it has tried several times in vain: what all have given up is over.
     """
 
     robot: Name
@@ -907,12 +908,17 @@ class FleetClaims(Message, frozen=True):
     cycle: Cycle
     claims: Annotated[tuple[Claim, ...], Meta(max_length=TASKS)] = ()
     done: Done = ()
+    given_up: Annotated[tuple[TaskNumber, ...], Meta(max_length=TASKS)] = ()
 
 
 class FleetRequest(Message, frozen=True):
-    """Asks a fleet, by any one of its robots, to do a list of tasks."""
+    """Asks a fleet, by any one of its robots, to do a list of tasks.
+
+    `replace`: also instead of one that it works on, of which nothing more is done then.
+    """
 
     tasks: Annotated[tuple[FleetTask, ...], Meta(min_length=1, max_length=TASKS)]
+    replace: bool = False
 
 
 class FleetReply(Message, frozen=True):

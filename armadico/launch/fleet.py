@@ -21,7 +21,7 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.fleet import FLEET_WATCHED, FleetResult, FleetWatch
 from armadico.runtime.blame import blaming
 from armadico.runtime.client import Client
-from armadico.runtime.errors import MissionRefusedError
+from armadico.runtime.errors import AbsentError, MissionRefusedError
 
 FLEET: str = "fleet1"
 """What a fleet is called that nobody has named."""
@@ -76,12 +76,16 @@ def time_limit(scenario: Scenario, robots: int, options: Options) -> float:
     return 60.0 + len(scenario.tasks) / robots * (scenario.look_s + 0.5 * spread / SLOW_M_S)
 
 
-def give(client: Client, tasks: Sequence[FleetTask]) -> int:
-    """Give a robot the list; its id. Raises MissionRefusedError saying why it is not taken on."""
-    reply = client.ask(FleetRequest(tuple(tasks)), TAKE_S)
-    if not isinstance(reply, FleetReply) or reply.refusal:
-        why = reply.refusal if isinstance(reply, FleetReply) else "no fleet agent answers"
-        raise MissionRefusedError(f"the list of tasks was not taken on: {why}")
+def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -> int:
+    """Give a robot the list, also instead of one that the fleet works on (`replace`); its id.
+
+    Raises MissionRefusedError saying why it is not taken on, AbsentError if nobody answers.
+    """
+    reply = client.ask(FleetRequest(tuple(tasks), replace), TAKE_S)
+    if not isinstance(reply, FleetReply):
+        raise AbsentError("no fleet agent takes the list of tasks", client.mesh.namespace)
+    if reply.refusal:
+        raise MissionRefusedError(f"the list of tasks was not taken on: {reply.refusal}")
     return reply.list
 
 

@@ -170,7 +170,8 @@ class Simulation:
             self._line.write(said)
         controller = self._robot.controller
         # Here and not behind `receive`: what came before CLOSE has been answered by now.
-        hangs_up = controller.hangs_up and self._line.hang_up()
+        # Who has just come has not been silent for as long as nobody was there.
+        hangs_up = data is not None and controller.hangs_up and self._line.hang_up()
         with self._turn:
             if data is None or hangs_up:
                 controller.disconnect()

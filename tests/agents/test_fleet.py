@@ -6,7 +6,18 @@ from random import Random
 
 import pytest
 
-from armadico.core.messages import FleetTask, Log, Message, MissionRequest, Stop, Waypoint
+from armadico.agents.fleet import TRIES
+from armadico.core.messages import (
+    FleetReply,
+    FleetRequest,
+    FleetTask,
+    FleetTasks,
+    Log,
+    Message,
+    MissionRequest,
+    Stop,
+    Waypoint,
+)
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.virtual import VirtualMesh
 from armadico_tools.experiments.kinematic import Band
@@ -139,6 +150,33 @@ def test_a_second_list_has_to_wait_and_then_takes_the_first_ones_place() -> None
     assert once(band, 9)
 
 
+def test_a_list_may_take_the_place_of_one_that_is_worked_on_and_that_is_not_brought_back() -> None:
+    """Neither by one that was away until the new one was done, and still has the old one."""
+    band = at_work(3, 9)
+    away, rest = ["f/r3"], ["f/r1", "f/r2"]
+    band.mesh.run(15.0)
+    band.cut(away, rest)
+    two = FleetRequest(band.tasks[:2], replace=True)
+    replies: list[Message | None] = []
+    band.mesh.ask(two, replies.append, namespace="f/r2")
+    band.mesh.run(100.0, lambda: band.over)
+    (reply,) = replies
+    assert isinstance(reply, FleetReply)
+    assert not reply.refusal
+    shares = [band.fleet(name).sharing for name in (*rest, *away)]
+    assert [None if one is None else one.tasks for one in shares] == [2, 2, 9]
+    assert not any(one.open for one in shares[:2] if one is not None)
+    assert shares[2] is not None
+    old = FleetTasks(shares[2].clock.epoch, 0, band.tasks)
+    band.mesh.publish(old, namespace="f/r1")  # as the one that is away would give it
+    band.mesh.run(band.mesh.now + 1.0)
+    assert [s.tasks for name in rest if (s := band.fleet(name).sharing)] == [2, 2]
+    band.heal(away, rest)
+    band.mesh.run(band.mesh.now + 10.0)
+    assert [s.tasks for name in band.names if (s := band.fleet(name).sharing)] == [2, 2, 2]
+    assert band.over
+
+
 def test_two_fleets_with_one_name_are_told_apart() -> None:
     """Each was given a list of its own before they heard of each other."""
     mesh = VirtualMesh(3)
@@ -188,6 +226,41 @@ def test_a_task_to_which_one_robot_has_no_way_is_anothers() -> None:
     band.puppet("f/r1").unreachable.add((far.x, far.y))
     band.give("f/r1")
     assert band.run(400.0)
+    assert band.doers[2] == {"r2"}
+
+
+def test_a_list_is_over_when_all_have_given_up_what_is_left_and_another_is_taken_on() -> None:
+    band = at_work(2)
+    place = band.tasks[2].goal
+    for name in band.names:
+        band.puppet(name).unreachable.add((place.x, place.y))
+    heard = lines(band, "f/r2")
+    band.mesh.run(400.0, lambda: len(band.doers) == 8)
+    band.give("f/r1")
+    band.mesh.run(band.mesh.now + 1.0)
+    assert band.reply is not None
+    assert "of which 1 are not done" in band.reply.refusal, "it is tried some times"
+    band.mesh.run(band.mesh.now + 200.0)
+    assert "the list is over: nobody gets to 2" in heard
+    assert len([text for text in heard if text.startswith("task 2 is given back")]) == TRIES
+    band.give("f/r1")
+    band.mesh.run(band.mesh.now + 3.0)
+    assert not band.reply.refusal
+    assert len(band.doers) == 0, "by both"
+
+
+def test_what_one_robot_has_not_tried_is_waited_for_until_it_can() -> None:
+    band = at_work(2)
+    place = band.tasks[2].goal
+    band.puppet("f/r1").unreachable.add((place.x, place.y))
+    band.mesh.publish(Stop(1, True, "tester", 1), namespace="f/r2")
+    heard = lines(band, "f/r1")
+    band.mesh.run(600.0)
+    assert len([text for text in heard if text.startswith("task 2 is given back")]) > TRIES
+    assert not [text for text in heard if "the list is over" in text]
+    assert len(band.doers) == 8
+    band.mesh.publish(Stop(2, False, "tester", 1), namespace="f/r2")
+    assert band.run(100.0)
     assert band.doers[2] == {"r2"}
 
 

@@ -266,10 +266,29 @@ def test_whoever_stops_waiting_is_told_what_the_robot_does(stop: Stop | None, sa
 
 
 @pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        ("--robots=0", "--robots 0: at least 1 is waited for"),
+        ("--with=mapping", "--with is for whoever starts the societies (armadico up)"),
+        ("--without=giveway", "--without is for whoever starts the societies (armadico up)"),
+        ("--seed=1", "--seed is for whoever starts the society (armadico up)"),
+        ("--plot=a.png", "--plot is for the run of one robot, and fleet is a fleet's"),
+    ],
+)
+def test_what_a_fleet_that_is_up_cannot_be_asked_is_refused(
+    capsys: pytest.CaptureFixture[str], option: str, says: str
+) -> None:
+    assert cli.main(["run", "fleet", "--attach", "--namespace", "lab", option]) == options.USAGE
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
         (("fleet", "--robots", "11"), "11 robots: fleet has starts for 1 to 10"),
         (("sc1", "--robots", "2"), "--robots 2: sc1 has no tasks for a fleet"),
+        (("sc1", "--replace"), "--replace: sc1 has no tasks for a fleet"),
+        (("fleet", "--replace"), "--replace is for a fleet that is up: --attach"),
         (("fleet", "--runs", "3"), "--runs is for the run of one robot, and fleet is a fleet's"),
         (("fleet", "--namespace", "fleet"), "'fleet' cannot be a namespace"),
     ],

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from armadico import cli
+from armadico.cli import mission, options
+from armadico.core.messages import Board
 from tests.programs import call, heavy, imports_nothing
 
 BRIEF = """
@@ -115,3 +119,30 @@ def test_where_no_society_is_up_that_is_said() -> None:
         assert done.returncode == 1, done.stderr
         assert "alive" in done.stderr
         assert "'nobody-here'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("board", "text", "rows"),
+    [
+        (None, "no alarms\n", []),
+        (
+            Board(1, 1, alarms=("R2", "R21"), unchecked=("R21",)),
+            "R2               checked\nR21              nobody has been there yet\n",
+            [{"room": "R2", "checked": True}, {"room": "R21", "checked": False}],
+        ),
+    ],
+)
+def test_alarms_that_are_remembered_are_told_apart_from_missions(
+    board: Board | None,
+    text: str,
+    rows: list[dict[str, object]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(options, "join", lambda _: nullcontext())
+    monkeypatch.setattr(mission, "_client", lambda _: None)
+    monkeypatch.setattr(mission, "_board", lambda _: board)
+    assert cli.main(["mission", "alarms"]) == 0
+    assert capsys.readouterr().out == text
+    assert cli.main(["mission", "alarms", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == rows

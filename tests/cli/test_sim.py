@@ -292,6 +292,13 @@ def test_with_the_trap_it_is_the_clients_until_that_hangs_up(line: TcpLine) -> N
         assert served.answered(second, SYNC0) == [0]
 
 
+def test_the_first_client_is_served_however_late_it_comes(line: TcpLine) -> None:
+    served = Served(line)
+    served.let_pass(IDLE_S + 1.0)
+    with served.client() as late:
+        assert served.answered(late, *SYNC) == [0, 1, 2]
+
+
 @pytest.mark.parametrize("said", [(), (SYNC0,), SYNC, (b"GET / HTTP/1.1",)])
 def test_a_client_that_falls_silent_does_not_hold_the_port(
     line: TcpLine, said: tuple[bytes, ...]

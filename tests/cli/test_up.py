@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from armadico.cli.options import UsageError
-from armadico.cli.up import _place, _plan, _scenario, parser
+from armadico.cli.up import _place, _plan, _scenario, _started, parser
 from armadico.config.errors import ConfigError
 from armadico.config.hosts import HOSTS_VARIABLE
 from armadico.config.needs import minimum, tasks
@@ -24,7 +24,7 @@ def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def plan(*words: str) -> Plan:
     args = parser().parse_args(words)
-    scenario = _scenario(args)
+    scenario = _started(args, _scenario(args))
     return _plan(args, _place(args, scenario), scenario)
 
 
@@ -74,6 +74,29 @@ def test_without_either_it_is_the_hosts_entry() -> None:
 def test_agents_are_told_the_namespace_that_they_are_in() -> None:
     found = {member.name: member.sets for member in plan("sc4", "--namespace", "robot7").members}
     assert "namespace=robot7" in found["sonar"]
+
+
+def test_a_robot_that_starts_elsewhere_knows_where_and_so_does_its_simulator() -> None:
+    found = plan("fleet", "--namespace", "lab/r2", "--start", "1.5", "3", "90")
+    sets = next(member.sets for member in found.members if member.name == "encoder")
+    assert {"x=1.5", "y=3.0", "theta=1.5707963267948966"} <= {*sets}
+    assert found.simulated is not None
+    assert found.simulated.start == (1.5, 3.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "says"),
+    [
+        (("--start", "1", "1", "0"), UsageError, "--start is in a scenario's world: name one"),
+        (("fleet", "--start", "nan", "1", "0"), UsageError, "--start nan 1 0: expected finite"),
+        (("fleet", "--start", "5", "4", "0"), ConfigError, "is 0.00 m from a wall"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused(
+    words: tuple[str, ...], error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        plan(*words)
 
 
 def test_an_agent_of_the_table_that_is_not_installed_is_said_with_its_line(tmp_path: Path) -> None:

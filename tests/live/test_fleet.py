@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from signal import SIGINT, SIGKILL
@@ -11,10 +13,14 @@ from signal import SIGINT, SIGKILL
 import pytest
 
 from armadico.core.messages import FleetStatus
+from armadico.launch.pidfile import RUNTIME_VARIABLE
+from armadico.mesh.ports import private_endpoints
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico.runtime.client import Client
+from tests.hosts.conftest import says
 from tests.live.society import SOON, mesh_of
 from tests.live.test_run import all_gone, children
-from tests.programs import Start, starter
+from tests.programs import Start, call, starter
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
 
@@ -42,6 +48,17 @@ def run(apart: None) -> Iterator[Start]:
         yield start
 
 
+TABLE = """\
+[here]
+endpoints = {endpoints}
+agents = ["robot", "encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface",
+          "fleet"]
+together = [["encoder", "sonar", "goto", "avoid", "gothrough"],
+            ["path-planning", "interface", "fleet"]]
+takes = []
+"""
+
+
 def words(tmp_path: Path, *more: str) -> list[str]:
     path = tmp_path / "two.toml"
     path.write_text(SCENARIO, encoding="utf-8")
@@ -57,6 +74,16 @@ def held() -> None:
             assert client.wait_for(
                 lambda c=client: (s := c.latest(FleetStatus)) is not None and s.tasks, START_S
             )
+
+
+def told(process: subprocess.Popen[str], what: str) -> None:
+    """Until it says something on standard error."""
+    assert process.stderr is not None
+    said = ""
+    while what not in said:
+        line = process.stderr.readline()
+        assert line, said
+        said += line
 
 
 def test_two_robots_do_two_tasks_and_leave_nothing(run: Start, tmp_path: Path) -> None:
@@ -90,3 +117,53 @@ def test_a_second_fleet_of_the_same_name_is_refused(run: Start, tmp_path: Path) 
     assert second.returncode == 1
     assert f"a fleet named '{FLEET}' is there already, with r1, r2: " in errors
     assert first.poll() is None
+
+
+def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_by_ctrl_c(
+    run: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoints = private_endpoints()
+    monkeypatch.setenv(ENDPOINTS_VARIABLE, endpoints)
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
+    table = tmp_path / "lab.toml"
+    table.write_text(TABLE.format(endpoints=json.dumps(endpoints.split(","))), encoding="utf-8")
+    first, second = (f"{FLEET}/{name}" for name in ("r1", "r2"))
+    starts = ("1.5", "1.5", "0"), ("1.5", "3.5", "0")
+    world = run(
+        *("sim", "hall", "--port=0", "--namespace", first, "--start", *starts[0]),
+        *("--also", second, *starts[1]),
+    )
+    ports = re.findall(r"tcp://\S+?(?=[,;])", says(world, "2 simulated robots"))
+    file = words(tmp_path)[1]
+    here = ("up", file, "--hosts", str(table), "--host", "here")
+    ups = [
+        run(*here, "--namespace", name, "--robot", port, "--start", *start)
+        for name, port, start in zip((first, second), ports, starts, strict=True)
+    ]
+    for process in ups:
+        says(process, "here is up")
+    attached = run("run", file, "--attach", "--namespace", FLEET, "--robots", "2", "--json")
+    with mesh_of(second) as mesh:
+        client = Client(mesh)
+        client.listen(FleetStatus)
+        assert client.wait_for(
+            lambda: (status := client.latest(FleetStatus)) is not None and status.holds, START_S
+        )
+    everybody = children(ups[1].pid)
+    ups[1].kill()
+    assert all_gone(everybody), "agents leave with who started them"
+    out, errors = attached.communicate(timeout=100.0)
+    assert attached.returncode == 0, errors
+    result = json.loads(out)
+    assert sorted(task for row in result["robots"] for task in row["tasks"]) == [0, 1]
+    assert f"{second}: its fleet agent is silent" in errors
+
+    again = run("run", file, "--attach", "--namespace", FLEET)
+    told(again, "0 of 2 done")
+    again.send_signal(SIGINT)
+    _, errors = again.communicate(timeout=SOON)
+    assert again.returncode == 130, errors
+    assert f"stopped: {first}; `armadico resume --namespace {first}` releases one" in errors
+    assert "the fleet remembers the list, of which" in errors
+    assert ups[0].poll() is None, "it is up"
+    assert call("down", "--namespace", first).returncode == 0

@@ -82,6 +82,8 @@ def test_missions_of_a_society_that_is_up_from_the_order_to_the_recording(
     look = programs("mission", "run", "look.toml", "--attach", "--json")
     is_so("look", MissionEnd.ACTIVE)
     observer.until(lambda: "alarm" in str(board()["look"].course), "the alarm is planned for")
+    told = json.loads(call("mission", "alarms", "--json").stdout)
+    assert [row["room"] for row in told] == ["R2"]
 
     done = call("mission", "run", "short.toml", "--attach", "--json")
     assert done.returncode == 0, done.stderr

@@ -231,8 +231,8 @@ def whole(task: tuple[int, int, bool, str]) -> Whole:
         twice=len(result.twice),
         makespan_s=result.makespan_s,
         messages=result.messages,
-        collisions=sum(row.collisions for row in result.robots),
-        bumped=sum(row.bumped for row in result.robots),
+        collisions=sum(row.collisions or 0 for row in result.robots),
+        bumped=sum(row.bumped or 0 for row in result.robots),
         clearance_m=min(clear),
     )
 

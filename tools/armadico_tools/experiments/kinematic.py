@@ -34,6 +34,7 @@ from armadico.core.messages import (
     PlanRequest,
     Pose,
     RobotState,
+    Stop,
     Waypoint,
 )
 from armadico.core.resources import WHEELS
@@ -110,14 +111,15 @@ class Puppet(Agent):
         if cycle.number % 5 == 1:
             said = Description("puppet", CYCLE_S, 0.2, 0.2, 0.2, 1, 1, 1, 1, 1, 1, 0.6, 2)
             self.publish(said)
-        state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False)
+        stop = self.stopped or Stop()
+        state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False, stop)
         self.publish(state)
         self.publish(Pose(cycle, self.x, self.y, 0.0, SURE))
         if not self.dumb and (cycle.number % 2 == 0 or self._state is MissionState.REACHED):
             self.publish(MissionStatus(self._mission, self._state, self._to_go))
 
     def _move(self) -> None:
-        if self._state is not MissionState.DRIVING or self._goal is None:
+        if self._state is not MissionState.DRIVING or self._goal is None or self.stopped:
             return
         if self._turning > 0.0:
             self._turning -= CYCLE_S
