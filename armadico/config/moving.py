@@ -78,8 +78,9 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def _misplaced(self, key: str, world: World) -> Iterator[tuple[str, str]]:
         """What is wrong with where a door or a box is."""
-        ends = [self.at] if self.wall is None else [self.wall[:2], self.wall[2:]]
-        if len(ends) > 1 and ends[0] == ends[1]:
-            yield key, f"a door from ({ends[0][0]:g}, {ends[0][1]:g}) to there; expected a length"
-        elif world.outlines and not any(world.inside(*end) for end in ends if end is not None):
+        ends = [self.at or (0.0, 0.0)] if self.wall is None else [self.wall[:2], self.wall[2:]]
+        (x, y), *others = ends
+        if others == [(x, y)]:
+            yield key, f"a door from ({x:g}, {y:g}) to there; expected a length"
+        elif world.outlines and not any(world.inside(*end) for end in ends):
             yield key, f"a {self.kind} is outside the world {world.name!r}"
