@@ -321,6 +321,14 @@ def test_no_readings_change_nothing() -> None:
     assert np.array_equal(particles.weights, before)
 
 
+@pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
+def test_an_echo_from_far_beyond_the_map_ends_nobody(echo: Echo) -> None:
+    particles = filtered()
+    particles.start_at(START, 0.1, 0.05)
+    particles.weigh([echo])
+    assert np.isfinite(particles.weights).all()
+
+
 def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
     looked, alone = filtered(), filtered()
     for particles in (looked, alone):
