@@ -282,7 +282,8 @@ class MonteCarlo:
         drift, turns, ways = self.wheels.T
         turned = np.float32(turn) * (1.0 + turns) + np.float32(dx) * drift
         turned += np.float32(wander) * noise[0]
-        theta = self.poses[:, 2] + np.float32(0.5) * turned
+        # The motion says where an arc ends as it was counted; what was not counted bends its chord.
+        theta = self.poses[:, 2] + np.float32(0.5) * (turned - np.float32(turn))
         along = np.float32(dx) * (1.0 + ways) + np.float32(slip) * noise[1]
         aside = np.float32(dy) + np.float32(0.3 * slip) * noise[2]
         c, s = np.cos(theta), np.sin(theta)

@@ -212,7 +212,7 @@ class SonarModel:
             ear_y = np.asarray(y + (s * ahead + c * left), dtype=np.float32)
             looks: Floats = theta + np.float32(echo.bearing)
             where = self._where(ear_x, ear_y, looks)
-            heard = np.take(self._heard, where, axis=0).view(ROW)[:, 0]
+            heard = np.take(self._heard, where, axis=0, mode="clip").view(ROW)[:, 0]
             if echo.range is None:
                 found[:, column] = UNHEARD + (1.0 - UNHEARD) / FULL * heard["silent"]
                 continue
@@ -286,7 +286,9 @@ class SonarModel:
             left = np.float32(echo.y + echo.range * np.sin(angle))
             column = ((west + (c * ahead - s * left)) * inverse).astype(np.int32)
             row = ((south + (s * ahead + c * left)) * inverse).astype(np.int32)
-            np.maximum(best, field[row * self._columns + column], out=best)
+            row *= self._columns  # an echo from beyond the field is of no wall: any cell will do
+            row += column
+            np.maximum(best, field.take(row, mode="clip"), out=best)
         return best
 
     def _held(self, poses: Poses) -> tuple[Floats, Floats, Floats]:

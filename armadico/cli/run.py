@@ -172,7 +172,11 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     quiet = args.runs is not None or not sys.stderr.isatty()  # over in a second, or it has a bar
     bar = nullcontext() if quiet else progress.shown(_label(scenario, chosen))
     with _recording(args, scenario, rehearsal), bar as show:
-        rehearsal.run(show, told)
+        try:
+            rehearsal.run(show, told)
+        except KeyboardInterrupt:
+            _rescue_map(args, rehearsal.client)
+            raise
     _keep_map(args, rehearsal.client)
     return rehearsal.watch
 

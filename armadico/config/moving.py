@@ -64,6 +64,7 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         if any(later <= earlier for earlier, later in pairwise(self.times)):
             yield "times", f"times = {list(self.times)}: expected each after the one before"
         if self.kind != "person" or self.at is None:
+            yield from self._misplaced(own[0], world)
             return
         x, y = self.at
         at, clearance = f"a person at ({x:g}, {y:g})", world.clearance(x, y)
@@ -74,3 +75,12 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             yield "at", f"{at} is {clearance:.2f} m from a wall of {world.name!r}; {expected}"
         elif hypot(x - start[0], y - start[1]) < self.radius + circle:
             yield "at", f"{at} stands where the robot starts"
+
+    def _misplaced(self, key: str, world: World) -> Iterator[tuple[str, str]]:
+        """What is wrong with where a door or a box is."""
+        ends = [self.at or (0.0, 0.0)] if self.wall is None else [self.wall[:2], self.wall[2:]]
+        (x, y), *others = ends
+        if others == [(x, y)]:
+            yield key, f"a door from ({x:g}, {y:g}) to there; expected a length"
+        elif world.outlines and not any(world.inside(*end) for end in ends):
+            yield key, f"a {self.kind} is outside the world {world.name!r}"

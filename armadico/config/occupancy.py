@@ -94,7 +94,7 @@ def world_of(raster: Raster, name: str) -> World:
     rows, columns = raster.occupied.shape
     frame = ((0, 0, columns, 0), (columns, 0, columns, rows), (columns, rows, 0, rows))
     bounds = hull(tuple(_place(edge, cell_m, origin) for edge in frame))
-    return World(name, walls, bounds)
+    return World(name, walls, bounds, solid=True)
 
 
 def quoted(text: str) -> str:

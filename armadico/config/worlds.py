@@ -7,6 +7,7 @@ column; who plans or localizes takes it as its `outlines` have it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
@@ -85,6 +86,7 @@ class World(Struct, frozen=True):
     forbidden: tuple[Segment, ...] = ()  # lines not to cross, which no sensor sees: stairs
     docks: dict[str, Pose] = {}  # poses of a robot that is charged there, by name
     columns: tuple[Column, ...] = ()
+    solid: bool = False  # the walls are the borders of what is solid: of a grid's occupied cells
 
     @property
     def outlines(self) -> tuple[Segment, ...]:
@@ -97,13 +99,18 @@ class World(Struct, frozen=True):
         return self.outlines + self.forbidden
 
     def clearance(self, x: float, y: float) -> float:
-        """The distance from a point to the nearest wall or column, m; infinite without any."""
-        walls = min((_distance(x, y, wall) for wall in self.walls), default=inf)
+        """The distance from a point to the nearest wall or column, m; infinite without any.
+
+        Within what is solid it is 0, and within a column negative.
+        """
+        if self.solid and enclosed(x, y, self.walls):
+            return 0.0
+        walls = min((distance(x, y, wall) for wall in self.walls), default=inf)
         return min([walls, *(hypot(x - cx, y - cy) - r for cx, cy, r in self.columns)])
 
     def clearance_of_forbidden(self, x: float, y: float) -> float:
         """The distance from a point to the nearest forbidden line, m; infinite without any."""
-        return min((_distance(x, y, line) for line in self.forbidden), default=inf)
+        return min((distance(x, y, line) for line in self.forbidden), default=inf)
 
     def crossed(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
         """Whether a barrier is across the straight way from one point to another."""
@@ -147,6 +154,19 @@ def hull(walls: tuple[Segment, ...]) -> Segment:
     return (min(xs), min(ys), max(xs), max(ys)) if walls else (0.0, 0.0, 0.0, 0.0)
 
 
+def enclosed(x: float, y: float, borders: Sequence[Segment]) -> bool:
+    """Whether a point lies within closed borders: a ray from it crosses an odd number of them.
+
+    Of a point on a border it says either.
+    """
+    crossed = (
+        x < x1 + (y - y1) / (y2 - y1) * (x2 - x1)
+        for x1, y1, x2, y2 in borders
+        if (y1 > y) != (y2 > y)
+    )
+    return sum(crossed) % 2 == 1
+
+
 def sides(column: Column) -> tuple[Segment, ...]:
     """A polygon around a column, none of it within."""
     x, y, radius = column
@@ -188,7 +208,8 @@ def _side(x1: float, y1: float, x2: float, y2: float, x: float, y: float) -> flo
     return (x2 - x1) * (y - y1) - (y2 - y1) * (x - x1)
 
 
-def _distance(x: float, y: float, wall: Segment) -> float:
+def distance(x: float, y: float, wall: Segment) -> float:
+    """From a point to a wall, m."""
     x1, y1, x2, y2 = wall
     dx, dy = x2 - x1, y2 - y1
     square = dx * dx + dy * dy

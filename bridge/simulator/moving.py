@@ -3,7 +3,8 @@
 A person walks straight to a place that is drawn anew, in sight and with room, as in the random
 waypoint model, and turns to another velocity within `RELAX_S`, as in the social force model. Who
 heeds the robot is pushed aside by it and never walks up to it; who does not walks until it is
-touched. People walk through each other. Nothing comes where the robot is: a door or a box waits.
+touched. People walk through each other. Nothing comes where the robot or a person is: a door or a
+box waits.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import pymunk
 
 from armadico.bridge.simulator.walls import Box, Surface, Wall, Walls
 from armadico.config.moving import Moving
-from armadico.config.worlds import hull
+from armadico.config.worlds import distance, enclosed, hull
 
 STEP_S = 0.05  # people move by steps of this
 RELAX_S = 0.5
@@ -162,6 +163,11 @@ class Person:
         along = there.goes_m_s < STANDS_M_S < hypot(self._vx, self._vy)
         return self._met or along or comes > max(0.0, there.comes_m_s)
 
+    def stands_at(self, outline: Sequence[Wall]) -> bool:
+        """Whether what comes there would be where it is."""
+        away = min(distance(self.x, self.y, wall) for wall in outline)
+        return away < self._near or (len(outline) > 1 and enclosed(self.x, self.y, outline))
+
     @property
     def outline(self) -> list[Wall]:
         """What a sonar meets: a polygon around it."""
@@ -290,7 +296,9 @@ class Movement:
     def _free(self, outline: Sequence[Wall], pose: tuple[float, float, float]) -> bool:
         xs, ys = [w[0] for w in outline], [w[1] for w in outline]
         within = len(outline) > 1 and min(xs) < pose[0] < max(xs) and min(ys) < pose[1] < max(ys)
-        return not within and self._walls.between(outline, pose, self._box) > APPEAR_M
+        if within or self._walls.between(outline, pose, self._box) <= APPEAR_M:
+            return False
+        return not any(person.stands_at(outline) for person in self._people)
 
     def _show(self) -> None:
         outlines = [thing.outline for thing in self._things if thing.there]

@@ -216,6 +216,29 @@ def test_nothing_is_put_where_the_robot_stands(moving: Moving) -> None:
     assert APPEAR_M < robot.clearance() < inf
 
 
+@pytest.mark.parametrize(
+    "moving",
+    [
+        Moving(kind="door", wall=(1.5, 1.5, 3.5, 1.5)),
+        Moving(kind="box", at=(2.5, 1.5), size=(2.0, 2.0)),
+    ],
+    ids=["upon", "around"],
+)
+def test_nothing_is_put_where_somebody_stands(moving: Moving) -> None:
+    robot = plant(moving, walker(2.5, 1.5, heeds=False))
+    begun = person(robot)
+    wait(robot, 0.1)
+    assert not robot._movement._things[0].there  # type: ignore[union-attr]
+    wait(robot, 8.0)
+    assert dist(begun, person(robot)) > 0.5, "who was there has walked away"
+
+
+def test_a_door_shuts_beside_somebody() -> None:
+    robot = plant(Moving(kind="door", wall=(1.0, 0.5, 1.0, 1.5)), walker(-0.5, 1.0))
+    wait(robot, 0.1)
+    assert robot._movement._things[0].there  # type: ignore[union-attr]
+
+
 def test_people_stop_at_a_door_that_is_shut() -> None:
     nook: list[Wall] = [(0, 2, 2, 2), (0, 2, 0, 4), (0, 4, 2, 4)]
     robot = plant(Moving(kind="door", wall=(2, 2, 2, 4)), walker(1.0, 3.0), walls=nook)

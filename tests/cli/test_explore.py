@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from armadico.cli import explore
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE
 from armadico.config.scenarios import exploring, load_scenario
 from armadico.config.worlds import load_world
+from armadico.launch.virtual import Rehearsal
 from tests.programs import call, heavy, imports_nothing
 
 
@@ -40,6 +42,21 @@ def test_an_exploration_ends_with_a_map_that_can_be_gone_on_with(tmp_path: Path)
     assert load_world(again).walls
     places = [int(run.stderr.partition("known, ")[2].split()[0]) for run in (done, resumed)]
     assert places[1] < places[0] / 2
+
+
+def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def goes_on(_run: Rehearsal, elapsed: float) -> bool:
+        if elapsed > 5.0:
+            raise KeyboardInterrupt
+        return True
+
+    monkeypatch.setattr(Rehearsal, "goes_on", goes_on)
+    saved = tmp_path / "so-far.yaml"
+    with pytest.raises(KeyboardInterrupt):
+        explore.main(["sc3", "--virtual", "--no-plot", "--map", str(saved)])
+    assert grid_map.read(saved).area(FREE) > 0.0
 
 
 @pytest.mark.parametrize(

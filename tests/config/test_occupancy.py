@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, pi
+from math import cos, hypot, pi, sin
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,21 @@ def test_the_border_of_occupied_cells_becomes_long_walls(tmp_path: Path, image: 
         (0.0, 2.5, 0.5, 2.5),
         (0.5, 2.5, 0.5, 3.5),
     ]
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, pi / 2])
+def test_nobody_stands_within_what_is_occupied(tmp_path: Path, turn: float) -> None:
+    """However thick it is: its borders are walls, and what is between them is no room."""
+    dark = np.full((12, 12), 254, dtype=np.uint8)
+    dark[2:10, 2:10] = 0
+    dark[5:7, 5:7] = 254  # a room that is shut up in it
+    file = write(tmp_path, YAML.replace("0.0]", f"{turn}]"))
+    Image.fromarray(dark).save(tmp_path / "room.pgm")
+    world = load_world(file)
+    for column, row, away in ((3.5, 3.5, 0.0), (3.5, 6.0, 0.0), (6.0, 6.0, 0.5), (1.0, 6.0, 0.5)):
+        x, y = 0.5 * column, 0.5 * row
+        at = -1.0 + cos(turn) * x - sin(turn) * y, 2.0 + sin(turn) * x + cos(turn) * y
+        assert world.clearance(*at) == pytest.approx(away)
 
 
 def test_a_turned_origin_turns_the_walls(tmp_path: Path) -> None:

@@ -243,6 +243,16 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
         ),
         (
             '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "box"\nat = [-50, 3]',
+            "own.toml:11: a box is outside the world 'sc4'",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "door"\nwall = [2, 1, 2, 1]',
+            "own.toml:11: a door from (2, 1) to there; expected a length",
+        ),
+        (
+            '"rooms"',
             '"rooms"\n[[moving]]\nkind = "box"\nat = [2, 2]\ntimes = [9, 4]',
             "own.toml:12: times = [9.0, 4.0]: expected each after the one before",
         ),
