@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,7 +27,7 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.observe.recorder import Recording
-from armadico.observe.recordings import HERE, rows
+from armadico.observe.recordings import HERE, KINDS, rows
 from armadico.observe.watching import Heard
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.real_recording import check, observations
@@ -71,21 +72,16 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
 
 def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
     """`armadico up surveillance`, recorded live, and read back (`armadico_tools.recordings`)."""
-    heard: dict[type[Message], list[Message]] = {}
-    who: dict[str, int] = {}
     read = [*rows(LIVE, pytest.fail)]
-    for row in read:
-        if row.schema == HERE:
-            who[row.fields["name"]] = who.get(row.fields["name"], 0) + 1
-        elif (message := row.message) is not None:
-            heard.setdefault(type(message), []).append(message)
+    who = Counter(row.fields["name"] for row in read if row.schema == HERE)
     assert read[-1].t - read[0].t > 595 * SECOND
     assert set(who.values()) == {1}, "nobody left, or was started again"
     assert {"robot", "mission-planning", "planner-onward", "monitor", "wakeup"} <= set(who)
     assert len(who) >= 15
 
     def all_of(kind: type[M]) -> list[M]:
-        return [message for message in heard[kind] if isinstance(message, kind)]
+        said = (row.message for row in read if KINDS.get(row.schema) is kind)
+        return [message for message in said if isinstance(message, kind)]
 
     missions = {mission.name: mission for mission in all_of(Board)[-1].missions}
     assert {name: mission.state for name, mission in missions.items()} == {
