@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from armadico.cli import pool
+from armadico.cli.options import say
 from armadico.observe.conditions import Conditions, Software, software, source_hash
 from armadico_tools.experiments import FIRST_SEED, RUNS
-from armadico_tools.experiments.driving import Cell, Sample, conditions_of, drive, key_of
+from armadico_tools.experiments.driving import (
+    Cell,
+    Drive,
+    Sample,
+    conditions_of,
+    drive,
+    key_of,
+)
 from armadico_tools.experiments.store import BESIDES, CONDITIONS, Found, Store
 from armadico_tools.results import write_csv, write_json
 
@@ -87,6 +95,12 @@ class Context:
             samples.setdefault(key[0], []).append(store.known[key])
         self.summary |= {name: _outcome(found) for name, found in samples.items()}
         return samples
+
+    def again(self, cells: Sequence[Cell]) -> Iterator[Drive]:
+        """The first seed of each once more, for the pictures; it says how far that is."""
+        for number, cell in enumerate(cells, start=1):
+            say(f"{self.out.name}: driven again for the pictures, {number} of {len(cells)}")
+            yield Drive(cell, self.first_seed).go()
 
     def map(self, function: Callable[[T], R], items: Iterable[T], label: str) -> list[R]:
         """A module's function over items, in processes, with progress; results in order.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
+from armadico.cli.options import say
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
@@ -68,6 +69,7 @@ def measure(
     for of, one in zip(cells, found, strict=True):
         if failed(one) and not one.note.startswith("refused"):
             path = context.out / f"failed-{one.seed:03d}.png"
+            say(f"{context.out.name}: seed {one.seed} is driven again for its picture")
             context.files.append(picture(of, one, path))
     context.table(f"{text}\n\n{RULES}\n\n{_summary(found)}\n{_failures(found)}")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec.structs import replace
 
 from armadico_tools.experiments import drawing
-from armadico_tools.experiments.driving import LOCALIZING, Cell, Drive
+from armadico_tools.experiments.driving import LOCALIZING, Cell
 from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import RULES, Column, compare
 from armadico_tools.markdown import table
@@ -43,8 +43,7 @@ def measure(context: Context, title: str, of: str, note: str, scenario: str, rea
     text = f"# {title}\n\n{note}\n\n{RULES}\n\n{compare(columns)}\n"
     context.table(text + failures([one for arm in arms for one in samples[arm.name]]))
     figure = drawing.sheet(1, 3, 18.0, 7.0)
-    for axes, arm in zip(figure.axes, arms, strict=True):
-        drive = Drive(arm, context.first_seed).go()
+    for axes, arm, drive in zip(figure.axes, arms, context.again(arms), strict=True):
         echoes = drive.watch.echoes[:: max(1, len(drive.watch.echoes) // 6000)]
         xs, ys = [x for x, _ in echoes], [y for _, y in echoes]
         axes.scatter(xs, ys, s=2, color="#8796a3", linewidths=0, rasterized=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from armadico_tools.experiments import drawing
-from armadico_tools.experiments.driving import Cell, Drive
+from armadico_tools.experiments.driving import Cell
 from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import MEASURES, RULES, Column, compare, differences
 
@@ -33,7 +33,7 @@ def run(context: Context) -> None:
     parts += [_scenario(scenario, samples) for scenario in SCENARIOS]
     context.table("\n".join(parts))
     figure = drawing.sheet(2, 2, 11.0, 8.0)
-    drives = {cell.name: Drive(cell, context.first_seed).go() for cell in cells()}
+    drives = {drive.cell.name: drive for drive in context.again(cells())}
     for axes, scenario in zip(figure.axes, SCENARIOS, strict=True):
         runs = [(name, drives[f"{scenario} {name}"]) for name in CONTROLLERS]
         drawing.paths(axes, scenario, runs, f"{scenario}, seed {context.first_seed}")

@@ -10,7 +10,7 @@ from armadico.config.loading import read_text
 from armadico.config.parameters import load_set
 from armadico.config.shipped import resource_path
 from armadico_tools.experiments import drawing
-from armadico_tools.experiments.driving import Cell, Drive
+from armadico_tools.experiments.driving import Cell
 from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import (
     MEASURES,
@@ -86,7 +86,7 @@ def run(context: Context) -> None:
     figure = drawing.sheet(1, 2, 12.0, 4.5)
     for axes, (short, rules, *_) in zip(figure.axes, SETTINGS, strict=False):
         chosen = [arm for arm in arms if arm.name.startswith(f"{short} last-heard")]
-        runs = [(arm.name.split()[2], Drive(arm, context.first_seed).go()) for arm in chosen]
+        runs = [(drive.cell.name.split()[2], drive) for drive in context.again(chosen)]
         title = f"{rules}, last-heard, seed {context.first_seed}"
         drawing.paths(axes, "sc4", runs, title)
     context.figure(figure, "figure-5.7")

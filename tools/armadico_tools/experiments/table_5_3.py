@@ -88,7 +88,7 @@ def run(context: Context) -> None:
     figure = drawing.sheet(1, 2, 12.0, 4.5)
     for axes, world in zip(figure.axes, WORLDS, strict=True):
         arms = [cell for cell in cells() if cell.name.startswith(f"{world} default")]
-        runs = [(cell.name.split()[2], Drive(cell, context.first_seed).go()) for cell in arms]
+        runs = [(drive.cell.name.split()[2], drive) for drive in context.again(arms)]
         drawing.paths(axes, world, runs, f"{world}, seed {context.first_seed}")
     context.figure(figure, "figures-5.8-5.9")
 
