@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import inf
 from typing import Any
 
 from msgspec.structs import replace
@@ -27,6 +28,8 @@ from armadico.runtime.client import Client
 HOME = "robot1"
 PACE_S = 0.006
 """A turn of 0.05 s of the society takes at least so long, so that browsers see it go."""
+SLOW_S = 0.001
+"""A turn while something passing is to be seen: however slow a browser is, it is still so."""
 
 
 class Shown:
@@ -121,11 +124,15 @@ class Stage:
 
 
 class Served(Stage):
-    """The same, served, and turned by a thread. `did` does something on that thread."""
+    """The same, served, and turned by a thread. `did` does something on that thread.
+
+    Its time goes slowly while the robot is faster than `watched` (m/s).
+    """
 
     def __init__(self, *words: Any, pace: float = PACE_S, **more: Any) -> None:
         super().__init__(*words, **more)
         self._pace = pace
+        self.watched = inf
         self.server: Server | None = None
         self._stopping = threading.Event()
         self._todo: list[tuple[Callable[[], Any], threading.Event, list[Any]]] = []
@@ -143,7 +150,9 @@ class Served(Stage):
 
     def work(self) -> None:
         while not self._stopping.wait(self._pace):
-            self.session.turn(TURN_S)
+            state = self.robot.view.state
+            watched = state is not None and state.v > self.watched
+            self.session.turn(SLOW_S if watched else TURN_S)
             while self._todo:
                 what, done, found = self._todo.pop(0)
                 found.append(what())
