@@ -8,8 +8,9 @@ from typing import Any, cast
 
 import pytest
 
-from armadico.mesh.topology import MeshError, Topology
+from armadico.mesh.topology import ENDPOINTS_VARIABLE, MeshError, Topology, topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.runtime.client import Client
 
 pytestmark = pytest.mark.live
 
@@ -22,6 +23,24 @@ def test_an_endpoint_that_is_taken_is_named(join: Join, endpoints: str) -> None:
     taken = endpoints.partition(",")[0]
     with pytest.raises(MeshError, match=taken):
         ZenohMesh("test", Topology(((taken,),), ())).open()
+
+
+def test_when_all_who_had_a_well_known_endpoint_are_gone_those_who_are_left_can_be_met(
+    join: Join, endpoints: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.mesh.zenoh.STAND_IN_S", (0.0, 0.1))
+    first = [join() for _ in endpoints.split(",")]
+    rest = [join() for _ in range(2)]
+    for number, mesh in enumerate(rest):
+        mesh.declare_alive("left", str(number))
+    for mesh in first:
+        mesh.close()
+    where = topology(passing=True, environ={ENDPOINTS_VARIABLE: endpoints})
+    with ZenohMesh(rest[0].namespace, where) as knows_only_these:
+        client = Client(knows_only_these)
+        assert client.wait_for(lambda: client.alive == {("left", "0"), ("left", "1")}, SOON)
+        rest[0].close()  # with the endpoint that it may have taken
+        assert client.wait_for(lambda: client.alive == {("left", "1")}, SOON)
 
 
 def test_a_session_that_does_not_close_is_left_behind(join: Join) -> None:
