@@ -266,7 +266,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
             listen(watcher, view, HEAR_S)
             now = watcher.clock() / 1e9
             strangers = view.strangers(now)
-            links = joined.neighbours
+            links = len(joined.met())
     except MeshError as error:
         routed = where is not None and where.table.router is not None
         todo = "does zenohd run there?" if routed else "name another endpoint: --listen"

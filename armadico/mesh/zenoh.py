@@ -13,8 +13,7 @@ import os
 import random
 import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Final
 
@@ -32,16 +31,13 @@ from armadico.core.messages import Message, encode
 from armadico.core.services import TOKEN
 from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links
-from armadico.mesh.topology import MeshError, Topology, one_way, rooted
+from armadico.mesh.repair import Repair
+from armadico.mesh.topology import MeshError, Topology, any_port, one_way, rooted
 
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0
 """A session that does not close within this is left behind (closing may block for 10 s)."""
-
-STAND_IN_S: Final = (2.0, 4.0)
-"""How long after a link was lost a free well-known endpoint is taken: whoever had it may be back
-before. Drawn anew by each process, or all would take one at once."""
 
 ATTEMPT_MS: Final = 1000
 """How long one attempt to reach a router goes on."""
@@ -90,48 +86,6 @@ class Call:
         self._query.drop()  # type: ignore[no-untyped-call]
 
 
-class StandIn:
-    """Takes a well-known endpoint when one falls free, for a process that has none of its own.
-
-    All who had them may go: another society on this machine, say. The rest keep their links, but
-    whoever loses them then (hung for longer than its lease) knows nobody's address, is known to
-    nobody, and is alone for good. This is a session that says and hears nothing, for Zenoh cannot
-    listen on one more endpoint later; gossip introduces to all the others who connects to it.
-    """
-
-    def __init__(
-        self, places: Sequence[tuple[str, ...]], opened: Callable[[tuple[str, ...]], zenoh.Session]
-    ) -> None:
-        self._places = places
-        self._opened = opened
-        self._lock = threading.Lock()  # from a look until what it finds is kept
-        self._session: zenoh.Session | None = None
-        self._looks: threading.Timer | None = None
-        self._over = False
-
-    def lost(self) -> None:
-        """A link is gone: look in a while who is not there. On any thread; returns at once."""
-        if self._places and self._looks is None and not self._over:
-            self._looks = threading.Timer(random.SystemRandom().uniform(*STAND_IN_S), self._look)
-            self._looks.daemon = True
-            self._looks.start()
-
-    def close(self) -> None:
-        """Give the endpoint back."""
-        self._over = True
-        with self._lock:
-            if self._session is not None:
-                self._session.close()  # type: ignore[no-untyped-call]
-
-    def _look(self) -> None:
-        self._looks = None  # what is lost from here on is looked for again
-        with self._lock:
-            for endpoints in self._places:
-                if self._session is None and not self._over:
-                    with suppress(zenoh.ZError):  # somebody is there
-                        self._session = self._opened(endpoints)
-
-
 class ZenohMesh(Reader, Monotonic):
     """One process's session, within one robot's namespace: a `Mesh`.
 
@@ -143,7 +97,7 @@ class ZenohMesh(Reader, Monotonic):
         self.namespace = namespace
         self._where = where
         self._session: zenoh.Session | None = None
-        self._stand_in = StandIn((), self._session_at)
+        self._repair: Repair | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._kept: list[Any] = []  # declarations live as long as somebody holds them
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -171,6 +125,8 @@ class ZenohMesh(Reader, Monotonic):
             self._attach()
         else:
             self._listen()
+        links = _direct(self._linked)
+        self._keep(self._open.info.declare_link_events_listener(links, history=True))
 
     def _listen(self) -> None:
         """Bind the first endpoints that are free."""
@@ -178,12 +134,11 @@ class ZenohMesh(Reader, Monotonic):
         *well_known, last = self._where.attempts
         for endpoints in (*well_known, last):
             try:
-                self._session = self._session_at(endpoints)
+                self._session = zenoh.open(self._config(endpoints))
             except zenoh.ZError as error:
                 failures.append(f"{', '.join(endpoints)}: {_reason(error)}")
             else:
-                spare = well_known if endpoints is last else ()
-                self._stand_in = StandIn(spare, self._session_at)
+                self._repair = Repair(self, well_known if endpoints is last else ())
                 return
         raise MeshError("cannot listen on " + "; ".join(failures))
 
@@ -193,7 +148,7 @@ class ZenohMesh(Reader, Monotonic):
         said = False
         while self._session is None:
             try:
-                self._session = self._session_at(())
+                self._session = zenoh.open(self._config(()))
             except zenoh.ZError:
                 if not said:
                     logger.warning("waiting for the router %s", ", ".join(self._where.connect))
@@ -218,10 +173,25 @@ class ZenohMesh(Reader, Monotonic):
         closing.join(deadline)
         return not closing.is_alive()
 
-    @property
-    def neighbours(self) -> int:
-        """How many peers it has a link with."""
-        return len(list(self._open.info.peers_zid()))
+    def met(self) -> set[str]:
+        """The ids of the peers that it has a link with; of none when it has left."""
+        session = self._session
+        return set() if session is None else {str(peer) for peer in session.info.peers_zid()}
+
+    def open_beside(self, listen: tuple[str, ...] | None) -> Callable[[], None] | None:
+        """See `Sessions`."""
+        try:
+            session = zenoh.open(self._config(listen or (any_port(self._where.attempts[-1][0]),)))
+        except zenoh.ZError:
+            return None
+        released = _direct(lambda _event: release_links())
+        links = session.info.declare_link_events_listener(released, history=True)
+
+        def ends() -> None:
+            links.undeclare()  # type: ignore[no-untyped-call]
+            session.close()  # type: ignore[no-untyped-call]
+
+        return ends
 
     # Talking -------------------------------------------------------------------------------------
 
@@ -328,20 +298,14 @@ class ZenohMesh(Reader, Monotonic):
         self._kept.append(declaration)
 
     def _leave(self, session: zenoh.Session) -> None:
-        self._stand_in.close()
+        if self._repair is not None:
+            self._repair.close()
         session.close()  # type: ignore[no-untyped-call]
-
-    def _session_at(self, listen: tuple[str, ...]) -> zenoh.Session:
-        """Open one. Raises `zenoh.ZError` if it cannot listen there."""
-        session = zenoh.open(self._config(listen))
-        events = _direct(self._linked)
-        self._keep(session.info.declare_link_events_listener(events, history=True))
-        return session
 
     def _linked(self, event: zenoh.LinkEvent) -> None:
         release_links()
-        if event.kind == zenoh.SampleKind.DELETE:
-            self._stand_in.lost()
+        if event.kind == zenoh.SampleKind.DELETE and self._repair is not None:
+            self._repair.lost(str(event.link.zid), str(event.link.dst))
 
     def _config(self, listen: tuple[str, ...]) -> zenoh.Config:
         config = zenoh.Config()

@@ -80,7 +80,8 @@ class Observer:
         if not self.client.wait_for(condition, SOON):
             last = [*self.states[-1:], *self.acks[-1:]]
             said = "\n  ".join(self.logs[-10:])
-            raise AssertionError(f"not within {SOON:.0f} s: {what}\n {last}\n  {said}")
+            there = f"alive: {', '.join(sorted(self.names))}"
+            raise AssertionError(f"not within {SOON:.0f} s: {what}\n {last}\n {there}\n  {said}")
 
     @property
     def state(self) -> RobotState:

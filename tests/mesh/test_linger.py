@@ -66,7 +66,7 @@ def test_once_two_sessions_have_a_link_none_of_their_sockets_lingers(
     first, second = join(), join()
     counts = [left.get(timeout=ENOUGH) for _ in "ab"]  # both ends are in this process
     assert counts[-1] == 0
-    assert Client(second).wait_for(lambda: first.neighbours and second.neighbours, ENOUGH)
+    assert Client(second).wait_for(lambda: first.met() and second.met(), ENOUGH)
 
 
 def test_zenoh_alone_still_needs_it() -> None:

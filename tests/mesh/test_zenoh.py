@@ -28,7 +28,7 @@ def test_an_endpoint_that_is_taken_is_named(join: Join, endpoints: str) -> None:
 def test_when_all_who_had_a_well_known_endpoint_are_gone_those_who_are_left_can_be_met(
     join: Join, endpoints: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("armadico.mesh.zenoh.STAND_IN_S", (0.0, 0.1))
+    monkeypatch.setattr("armadico.mesh.repair.LOOK_S", (0.0, 0.1))
     first = [join() for _ in endpoints.split(",")]
     rest = [join() for _ in range(2)]
     for number, mesh in enumerate(rest):
