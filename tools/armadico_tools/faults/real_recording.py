@@ -75,10 +75,10 @@ def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
 
 def _by_ballots(held: Sequence[Observation]) -> Iterator[Observation]:
     """The same moments; what was said of ballots is in the order of cycles and of these."""
-    contend = ((rank, seen) for seen in held if (rank := _ballot(seen)) is not None)
-    ranked = iter(sorted(contend, key=itemgetter(0)))
-    for seen in held:
-        yield seen if _ballot(seen) is None else replace(next(ranked)[1], at=seen.at)
+    ranked = [(_ballot(seen), seen) for seen in held]
+    contend = iter(sorted((each for each in ranked if each[0] is not None), key=itemgetter(0)))
+    for rank, seen in ranked:
+        yield seen if rank is None else replace(next(contend)[1], at=seen.at)
 
 
 def _ballot(seen: Observation) -> tuple[int, int, Ballot] | None:
