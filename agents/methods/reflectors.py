@@ -126,15 +126,15 @@ def _openings(
     length: NDArray[np.float64],
 ) -> list[tuple[float, float]]:
     """The sectors between the walls that meet at a place: from which bearing on, and how wide."""
-    way = np.clip((x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1], 0.0, length)
+    way = (x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1]
+    way = np.minimum(np.maximum(way, 0.0), length)
     off = np.hypot(x - start[:, 0] - way * along[:, 0], y - start[:, 1] - way * along[:, 1])
-    near = off < JOINT_M
-    angle = np.arctan2(along[near, 1], along[near, 0])
-    away = np.concatenate(
-        [angle[way[near] < length[near] - JOINT_M], angle[way[near] > JOINT_M] + pi]
-    )
-    away = np.unique(np.round(away % tau, 3))
-    return list(zip(away, np.append(away[1:], away[0] + tau) - away, strict=True))
+    near = np.flatnonzero(off < JOINT_M)
+    way, length, angle = way[near], length[near], np.arctan2(along[near, 1], along[near, 0])
+    away = np.concatenate([angle[way < length - JOINT_M], angle[way > JOINT_M] + pi])
+    bearings = sorted(set(np.round(away % tau, 3).tolist()))
+    following = [*bearings[1:], bearings[0] + tau]
+    return [(one, other - one) for one, other in zip(bearings, following, strict=True)]
 
 
 ROW: Final = np.dtype(
@@ -151,9 +151,10 @@ MOST: Final = 2**16 - 2
 def heard(
     reflectors: Reflectors,
     first: Floats,
-    sees: Floats,
+    square: Floats,
     cell: NDArray[np.int32],
     origin: tuple[float, float],
+    cone_rad: float,
     reach_m: float,
 ) -> NDArray[np.void]:
     """Work out what is heard from where.
@@ -161,10 +162,11 @@ def heard(
     Args:
         reflectors: What there is.
         first: (cells, HEADINGS): the way to the first thing in each direction, m.
-        sees: The same to the first wall in the cone that is met squarely.
+        square: The same, but `reach_m` where that is a wall that is not met squarely.
         cell: (rows, columns): the number of each cell, -1 where no sonar can be.
         origin: The lower left corner of the first cell, m.
-        reach_m: The longest range that sonars hear.
+        cone_rad: The sonars' whole cone.
+        reach_m: The longest range that they hear.
 
     Returns:
         A `ROW` for each cell and heading, `cell * HEADINGS + heading`; the last HEADINGS are for
@@ -216,15 +218,16 @@ def heard(
         part = slice(begin, begin + BATCH)
         likely = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
         _likely(reflectors, which[part], ways[part], angles[part], likely)
-    nowhere = np.full(HEADINGS, reach_m, dtype=np.float32)
-    table["sees_mm"] = np.rint(1e3 * np.minimum(np.append(sees, nowhere), np.float32(reach_m)))
+        sees = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
+        likely["sees_mm"][: sees.size] = np.rint(1e3 * sees).ravel()
+    table["sees_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
     return table
 
 
 def beside(choose: np.ufunc, ways: Floats, by: int) -> Floats:
     """The least or the most (`choose`) of so many headings to either side, (places, HEADINGS)."""
     found = ways.copy()
-    for turned in range(1, by + 1):  # one after another: of a large map each takes 100 MB
+    for turned in range(1, by + 1):
         for side in (-turned, turned):
             choose(found, np.roll(ways, side, axis=1), out=found)
     return found
@@ -252,7 +255,8 @@ def _seen(
     seen = way < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * way)
     seen &= way < far
     turned = angle + np.float32(pi) - r.bearing.take(one)
-    seen &= np.where(turned < 0.0, turned + np.float32(tau), turned) < r.width.take(one)
+    turned += np.float32(tau) * (turned < 0.0)
+    seen &= turned < r.width.take(one)
     ways, angles = np.full_like(foot, np.inf), np.zeros_like(foot)
     np.put(ways, pairs, np.where(seen, way, np.inf))
     np.put(angles, pairs, angle)
@@ -282,17 +286,16 @@ def _likely(
     )
     middle = np.rint(angles * np.float32(HEADINGS / tau)).astype(np.int32)
     around = np.arange(-AROUND, AROUND + 1, dtype=np.int32)
-    off = angles - middle * np.float32(tau / HEADINGS)
-    faded = _fade(np.abs(off[:, :, None] - around * np.float32(tau / HEADINGS)))
-    faded *= answers[:, :, None]
+    off = (angles - middle * np.float32(tau / HEADINGS))[:, :, None]
+    aside = around * np.float32(tau / HEADINGS)
     headings = (np.arange(HEADINGS)[:, None] + around) % HEADINGS
-    rows = headings[middle] + (np.arange(cells) * HEADINGS)[:, None]
+    first = np.arange(0, len(table), HEADINGS)[:, None]
     silent = np.ones(len(table), dtype=np.float32)
     likeliest = np.zeros((LIKELY, len(table)), dtype=np.int64)
     for nearest in range(np.count_nonzero(answers.any(axis=1))):
-        row = rows[nearest].ravel()
+        row = (headings.take(middle[nearest], axis=0, mode="wrap") + first).ravel()
         before = silent.take(row)
-        chance = faded[nearest].ravel() * before
+        chance = (answers[nearest, :, None] * _fade(np.abs(off[nearest] - aside))).ravel() * before
         silent[row] = before - chance
         # Chances are ordered as their bits are. The last ones say whose it is: of equal ones the
         # nearest comes first, and after what has no chance comes nobody, 0.
@@ -313,6 +316,7 @@ def _likely(
 
 def _fade(off: Floats) -> Floats:
     """How probably something so far off the axis (rad) is heard."""
-    share = np.clip((off - np.float32(SURE_RAD)) / np.float32(GONE_RAD - SURE_RAD), 0.0, 1.0)
+    share = (off - np.float32(SURE_RAD)) / np.float32(GONE_RAD - SURE_RAD)
+    share = np.minimum(np.maximum(share, 0.0), 1.0)
     faded: Floats = 1.0 - share * share * (3.0 - 2.0 * share)
     return faded
