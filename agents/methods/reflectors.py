@@ -36,7 +36,7 @@ TILE_CELLS: Final = 8
 
 BATCH: Final = 512
 """Cells of which it is worked out at a time what is likely: what is written to stays near by, in
-the processor's cache, which saves a fifth of all that is made of a map, and memory."""
+the processor's cache, and takes little memory."""
 
 MARGIN_M: Final = 1.0
 """So far beyond the map's bounds there are cells: a robot may be a little off its map."""
