@@ -53,7 +53,7 @@ Odds = Annotated[float, Meta(ge=0, le=1000)]
 
 
 LARGE = 250_000
-"""Cells from which on what is made of a map is kept: half a second's work and more."""
+"""Cells from which on what is made of a map is kept: a fifth of a second's work and more."""
 
 STOOD: Pose2 = (0.0, 0.0, 0.0)
 

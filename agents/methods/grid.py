@@ -32,8 +32,8 @@ CELL_M = 0.05
 """Side of a cell."""
 
 CELLS_MOST = 16_000_000
-"""Of a world that is worked on in cells: 200 m x 200 m of them with sides of 5 cm. To localize in
-those takes 3.6 GB and 90 s at the start."""
+"""Of a world that is worked on in cells: 200 m x 200 m of them with sides of 5 cm. The sonar
+model of those takes 1.2 GB and 16 s of a core at the start, with rooms of 4 m."""
 
 MANY = 50
 """Walls among known ones; after more than these all cells are priced anew."""

@@ -306,7 +306,7 @@ class MonteCarlo:
         likelihood = self._model.likelihood(self.poses, echoes)
         self._logs.extend((self.weights @ _logs(likelihood)).tolist())
         trust = self.settings.doubtful if self.lost else self.settings.trust
-        logs = trust * np.log(likelihood, dtype=np.float32).sum(axis=1, dtype=np.float64)
+        logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
         weights = self.weights * np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
@@ -489,10 +489,10 @@ class MonteCarlo:
         """Low variance, as many as KLD sampling asks for."""
         n, forgets = self._needed(), np.float32(self.settings.forgets)
         drawn = self._drawn(n)
-        self.poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
+        self.poses, self.weights = self.poses.take(drawn, axis=0), np.full(n, 1.0 / n)
         # Shrunk by as much as the noise widens it, a guess stays as wide as it is (Liu and West).
         keep = np.sqrt(1.0 - forgets**2)
-        self.wheels = keep * self.wheels[drawn] + self._uncalibrated(n, float(forgets))
+        self.wheels = keep * self.wheels.take(drawn, axis=0) + self._uncalibrated(n, float(forgets))
 
     def _drawn(self, n: int) -> NDArray[np.intp]:
         """So many of them by low variance (table 4.4)."""
@@ -546,12 +546,14 @@ class MonteCarlo:
         x, y = (weights @ poses[:, :2]) / weights.sum()
         return float(x), float(y), _heading(poses[:, 2], weights)
 
-    def _near(self, pose: Pose2) -> NDArray[np.bool_]:
-        """Which particles are of the same place as a pose."""
-        away = np.hypot(self.poses[:, 0] - pose[0], self.poses[:, 1] - pose[1])
-        turned = np.abs(_turned(self.poses[:, 2], pose[2]))
-        near: NDArray[np.bool_] = np.logical_and(away < 0.6, turned < 0.5)
-        return near
+    def _near(self, pose: Pose2) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
+        """Which particles are of the same place as a pose, and how far they are turned from it."""
+        near = np.flatnonzero(
+            np.hypot(self.poses[:, 0] - pose[0], self.poses[:, 1] - pose[1]) < 0.6
+        )
+        turned = _turned(self.poses[near, 2], pose[2])
+        same = np.abs(turned) < 0.5
+        return near[same], turned[same]
 
     def estimate(self, about: Pose2 | None = None) -> Estimate:
         """The mean of a cluster: the particles within 0.6 m and 0.5 rad of a pose.
@@ -564,13 +566,13 @@ class MonteCarlo:
             if changes == self.changes and max(map(abs, relative(before, about))) < SETTLED:
                 return found
         x, y, theta = self._heaviest() if about is None else about
-        near, turned = self._near((x, y, theta)), _turned(self.poses[:, 2], theta)
+        near, turned = self._near((x, y, theta))
         w = self.weights[near]
         share = float(w.sum())
         if share < 1e-6:
             return self.estimate()
         w = w / share
-        off = np.column_stack([self.poses[near, 0] - x, self.poses[near, 1] - y, turned[near]])
+        off = np.column_stack([self.poses[near, 0] - x, self.poses[near, 1] - y, turned])
         mean = w @ off
         off -= mean
         covariance = (off * w[:, None]).T @ off

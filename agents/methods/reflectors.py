@@ -9,7 +9,7 @@ from which the same few of them are heard; only which one answers is a matter of
 
 from __future__ import annotations
 
-from math import pi, radians, tau
+from math import ceil, pi, radians, tau
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,7 +36,7 @@ TILE_CELLS: Final = 8
 
 BATCH: Final = 512
 """Cells of which it is worked out at a time what is likely: what is written to stays near by, in
-the processor's cache, which saves a fifth of all that is made of a map, and memory."""
+the processor's cache, and takes little memory."""
 
 MARGIN_M: Final = 1.0
 """So far beyond the map's bounds there are cells: a robot may be a little off its map."""
@@ -44,6 +44,12 @@ MARGIN_M: Final = 1.0
 SURE_RAD, GONE_RAD = radians(15.0), radians(34.0)
 """What is within the first angle of the axis is heard, beyond the second it is not: the mean of
 what walls do (docs/worlds.md)."""
+
+WHOSE: Final = 31
+"""Bits of a chance, a float64, that say whose it is: more than `NEAREST`, and no matter."""
+
+AROUND: Final = ceil(GONE_RAD * HEADINGS / tau)
+"""In so many headings to either side of its own something is heard."""
 
 WALL, CORNER, EDGE_M = 0.7, 0.9, 0.4
 """How often a wall is a mirror that answers (others scatter, or swallow the sound), and a corner;
@@ -120,15 +126,15 @@ def _openings(
     length: NDArray[np.float64],
 ) -> list[tuple[float, float]]:
     """The sectors between the walls that meet at a place: from which bearing on, and how wide."""
-    way = np.clip((x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1], 0.0, length)
+    way = (x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1]
+    way = np.minimum(np.maximum(way, 0.0), length)
     off = np.hypot(x - start[:, 0] - way * along[:, 0], y - start[:, 1] - way * along[:, 1])
-    near = off < JOINT_M
-    angle = np.arctan2(along[near, 1], along[near, 0])
-    away = np.concatenate(
-        [angle[way[near] < length[near] - JOINT_M], angle[way[near] > JOINT_M] + pi]
-    )
-    away = np.unique(np.round(away % tau, 3))
-    return list(zip(away, np.append(away[1:], away[0] + tau) - away, strict=True))
+    near = np.flatnonzero(off < JOINT_M)
+    way, length, angle = way[near], length[near], np.arctan2(along[near, 1], along[near, 0])
+    away = np.concatenate([angle[way < length - JOINT_M], angle[way > JOINT_M] + pi])
+    bearings = sorted(set(np.round(away % tau, 3).tolist()))
+    following = [*bearings[1:], bearings[0] + tau]
+    return [(one, other - one) for one, other in zip(bearings, following, strict=True)]
 
 
 ROW: Final = np.dtype(
@@ -145,9 +151,10 @@ MOST: Final = 2**16 - 2
 def heard(
     reflectors: Reflectors,
     first: Floats,
-    sees: Floats,
+    square: Floats,
     cell: NDArray[np.int32],
     origin: tuple[float, float],
+    cone_rad: float,
     reach_m: float,
 ) -> NDArray[np.void]:
     """Work out what is heard from where.
@@ -155,10 +162,11 @@ def heard(
     Args:
         reflectors: What there is.
         first: (cells, HEADINGS): the way to the first thing in each direction, m.
-        sees: The same to the first wall in the cone that is met squarely.
+        square: The same, but `reach_m` where that is a wall that is not met squarely.
         cell: (rows, columns): the number of each cell, -1 where no sonar can be.
         origin: The lower left corner of the first cell, m.
-        reach_m: The longest range that sonars hear.
+        cone_rad: The sonars' whole cone.
+        reach_m: The longest range that they hear.
 
     Returns:
         A `ROW` for each cell and heading, `cell * HEADINGS + heading`; the last HEADINGS are for
@@ -171,105 +179,144 @@ def heard(
     angles = np.zeros((count, NEAREST), dtype=np.float32)
     end_x = reflectors.x + reflectors.along_x * reflectors.length
     end_y = reflectors.y + reflectors.along_y * reflectors.length
+    slack = np.float32(0.5 * CELL_M)
+    longer = reflectors._replace(length=reflectors.length + slack)
+    columns = np.stack(longer).astype(np.float64)  # as what is worked out with them is
+    west, east = np.sort([reflectors.x, end_x], axis=0).astype(np.float64)
+    south, north = np.sort([reflectors.y, end_y], axis=0).astype(np.float64)
     far = reach_m + 0.5 * CELL_M
+    # What is near has a coarse bearing: what is in sight in the headings beside counts, too.
+    sight = beside(np.maximum, first, 1)
     for top in range(0, cell.shape[0], TILE_CELLS):
         for left in range(0, cell.shape[1], TILE_CELLS):
-            rows, columns = np.nonzero(cell[top : top + TILE_CELLS, left : left + TILE_CELLS] >= 0)
+            rows, across = np.nonzero(cell[top : top + TILE_CELLS, left : left + TILE_CELLS] >= 0)
             if not len(rows):
                 continue
-            rows, columns = rows + top, columns + left
-            x = np.float32(origin[0]) + (columns + np.float32(0.5)) * np.float32(CELL_M)
+            rows, across = rows + top, across + left
+            x = np.float32(origin[0]) + (across + np.float32(0.5)) * np.float32(CELL_M)
             y = np.float32(origin[1]) + (rows + np.float32(0.5)) * np.float32(CELL_M)
-            near = np.nonzero(
-                (np.minimum(reflectors.x, end_x) < x.max() + far)
-                & (np.maximum(reflectors.x, end_x) > x.min() - far)
-                & (np.minimum(reflectors.y, end_y) < y.max() + far)
-                & (np.maximum(reflectors.y, end_y) > y.min() - far)
-            )[0]
+            near = np.flatnonzero(
+                (west < x.max() + far)
+                & (east > x.min() - far)
+                & (south < y.max() + far)
+                & (north > y.min() - far)
+            )
             if not len(near):
                 continue
-            numbers = cell[rows, columns]
-            way, angle = _seen(reflectors, near, x[:, None], y[:, None], first[numbers], far)
+            numbers, r = cell[rows, across], Reflectors(*columns[:, near])
+            way, angle = _seen(r, x[:, None], y[:, None], sight[numbers], far)
             order = np.argsort(way, axis=1)[:, :NEAREST]
             taken = order.shape[1]
-            ways[numbers, :taken] = np.take_along_axis(way, order, 1)
-            angles[numbers, :taken] = np.take_along_axis(angle, order, 1)
+            pairs = order + np.arange(0, way.size, len(near))[:, None]
+            ways[numbers, :taken] = way.take(pairs)
+            angles[numbers, :taken] = angle.take(pairs)
             which[numbers, :taken] = near[order]
-    which[np.isinf(ways)] = nothing
-    batches = [slice(begin, begin + BATCH) for begin in range(0, count, BATCH)]
-    table = np.concatenate(
-        [_likely(reflectors, which[part], ways[part], angles[part]) for part in batches]
-    )
-    nowhere = np.full(HEADINGS, reach_m, dtype=np.float32)
-    table["sees_mm"] = np.rint(1e3 * np.minimum(np.append(sees, nowhere), np.float32(reach_m)))
+    out_of_sight = np.isinf(ways)
+    which[out_of_sight], ways[out_of_sight] = nothing, 0.0
+    table = np.empty(count * HEADINGS, dtype=ROW)
+    for begin in range(0, count, BATCH):
+        part = slice(begin, begin + BATCH)
+        likely = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
+        _likely(reflectors, which[part], ways[part], angles[part], likely)
+        sees = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
+        likely["sees_mm"][: sees.size] = np.rint(1e3 * sees).ravel()
+    table["sees_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
     return table
+
+
+def beside(choose: np.ufunc, ways: Floats, by: int) -> Floats:
+    """The least or the most (`choose`) of so many headings to either side, (places, HEADINGS)."""
+    found = ways.copy()
+    for turned in range(1, by + 1):
+        for side in (-turned, turned):
+            choose(found, np.roll(ways, side, axis=1), out=found)
+    return found
 
 
 def _seen(
-    reflectors: Reflectors,
-    near: NDArray[np.intp],
+    r: Reflectors,
     x: Floats,
     y: Floats,
-    first: Floats,
+    sight: Floats,
     far: float,
 ) -> tuple[Floats, Floats]:
     """From each place to each reflector in sight: the way (m; inf: none) and the bearing."""
-    r = Reflectors(*(column[near] for column in reflectors))
     to_x, to_y = r.x - x, r.y - y
     foot = -(to_x * r.along_x + to_y * r.along_y)
     to_x, to_y = to_x + foot * r.along_x, to_y + foot * r.along_y
+    there = (foot >= -0.5 * CELL_M) & (foot <= r.length)
+    there &= to_x * to_x + to_y * to_y < np.float32(1.01 * far * far)
+    pairs = np.flatnonzero(there)  # less than half: what follows takes longer
+    place, one = np.divmod(pairs, len(r.x))
+    to_x, to_y = to_x.take(pairs), to_y.take(pairs)
     way, angle = np.hypot(to_x, to_y), np.arctan2(to_y, to_x)
-    slack = np.float32(0.5 * CELL_M)
-    there = (way < far) & (foot >= -slack) & (foot <= r.length + slack)
-    there &= (angle + np.float32(pi) - r.bearing) % np.float32(tau) < r.width
-    # The nearer the coarser the bearing: what is beside counts, too.
-    bin_ = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.int32)
-    rows = np.arange(len(first))[:, None]
-    sight = np.max([first[rows, (bin_ + by) % HEADINGS] for by in (-1, 0, 1)], axis=0)
-    there &= way < sight + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * way)
-    return np.where(there, way, np.float32(np.inf)), angle
+    heading = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.intp)  # -1 is the last one
+    hides = sight[place, heading]
+    seen = way < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * way)
+    seen &= way < far
+    turned = angle + np.float32(pi) - r.bearing.take(one)
+    turned += np.float32(tau) * (turned < 0.0)
+    seen &= turned < r.width.take(one)
+    ways, angles = np.full_like(foot, np.inf), np.zeros_like(foot)
+    np.put(ways, pairs, np.where(seen, way, np.inf))
+    np.put(angles, pairs, angle)
+    return ways, angles
 
 
 def _likely(
-    reflectors: Reflectors, which: NDArray[np.int32], ways: Floats, angles: Floats
-) -> NDArray[np.void]:
-    """The likeliest of those in sight, nearest first: who answers hides who is behind."""
-    nothing = len(reflectors.x) - 1
-    rows = len(which) * HEADINGS
-    silent = np.ones(rows, dtype=np.float32)
-    chances = np.zeros((LIKELY, rows), dtype=np.float32)
-    chosen = np.full((LIKELY, rows), nothing, dtype=np.uint16)
-    around = int(np.ceil(GONE_RAD * HEADINGS / tau))
-    beside = np.arange(-around, around + 1, dtype=np.int32)
-    for nearest in range(which.shape[1]):
-        live = np.nonzero(which[:, nearest] != nothing)[0]
-        one, way, angle = (array[live, nearest] for array in (which, ways, angles))
-        answers = reflectors.chance[one] * np.minimum(
-            1.0, reflectors.fades_m[one] / np.maximum(way, np.float32(0.01))
-        )
-        middle = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.int32)
-        off = angle - middle * np.float32(tau / HEADINGS)
-        faded = _fade(np.abs(off[:, None] - beside * np.float32(tau / HEADINGS)))
-        row = (live[:, None] * HEADINGS + (middle[:, None] + beside) % HEADINGS).ravel()
-        before = silent[row]
-        now = (answers[:, None] * faded).ravel() * before
-        silent[row] = before - now
-        one = np.repeat(one, len(beside))
-        for rank in range(LIKELY):  # the likeliest first; what it pushes out may be the next
-            was = chances[rank, row]
-            more = np.nonzero(now > was)[0]
-            at = row[more]
-            pushed = chosen[rank, at].astype(np.int32)
-            chances[rank, at], chosen[rank, at] = now[more], one[more]
-            now[more], one[more] = was[more], pushed
-    table = np.empty(rows, dtype=ROW)
-    table["which"], table["chance"] = chosen.T, np.rint(FULL * chances.T)
+    reflectors: Reflectors,
+    which: NDArray[np.int32],
+    ways: Floats,
+    angles: Floats,
+    table: NDArray[np.void],
+) -> None:
+    """The likeliest of those in sight, nearest first: who answers hides who is behind.
+
+    Args:
+        reflectors: What there is.
+        which: (cells, NEAREST): what is in sight of each cell, and then the one without an answer.
+        ways: Of these, m.
+        angles: Of these, rad.
+        table: Is filled in: a `ROW` for each cell and heading.
+    """
+    which, ways, angles = which.T, ways.T, angles.T
+    cells = which.shape[1]
+    answers = reflectors.chance[which] * np.minimum(
+        1.0, reflectors.fades_m[which] / np.maximum(ways, np.float32(0.01))
+    )
+    middle = np.rint(angles * np.float32(HEADINGS / tau)).astype(np.int32)
+    around = np.arange(-AROUND, AROUND + 1, dtype=np.int32)
+    off = (angles - middle * np.float32(tau / HEADINGS))[:, :, None]
+    aside = around * np.float32(tau / HEADINGS)
+    headings = (np.arange(HEADINGS)[:, None] + around) % HEADINGS
+    first = np.arange(0, len(table), HEADINGS)[:, None]
+    silent = np.ones(len(table), dtype=np.float32)
+    likeliest = np.zeros((LIKELY, len(table)), dtype=np.int64)
+    for nearest in range(np.count_nonzero(answers.any(axis=1))):
+        row = (headings.take(middle[nearest], axis=0, mode="wrap") + first).ravel()
+        before = silent.take(row)
+        chance = (answers[nearest, :, None] * _fade(np.abs(off[nearest] - aside))).ravel() * before
+        silent[row] = before - chance
+        # Chances are ordered as their bits are. The last ones say whose it is: of equal ones the
+        # nearest comes first, and after what has no chance comes nobody, 0.
+        mine = (chance.view(np.int64) & ~WHOSE) - (nearest + 1)
+        for likely in likeliest[: nearest + 1]:  # what it pushes out may be the next
+            was = likely.take(row)
+            likely[row] = np.maximum(was, mine)
+            mine = np.minimum(was, mine)
+    nobody = np.full((1, cells), len(reflectors.x) - 1)
+    numbers = np.concatenate([nobody, which]).astype(np.uint16)
+    cell = np.repeat(np.arange(cells), HEADINGS)
+    for rank, likely in enumerate(likeliest):
+        chance = (likely + WHOSE) & ~WHOSE
+        table["which"][:, rank] = numbers.take((chance - likely) * cells + cell)
+        table["chance"][:, rank] = np.rint(FULL * chance.view(np.float64).astype(np.float32))
     table["silent"] = np.rint(FULL * silent)
-    return table
 
 
 def _fade(off: Floats) -> Floats:
     """How probably something so far off the axis (rad) is heard."""
-    share = np.clip((off - np.float32(SURE_RAD)) / np.float32(GONE_RAD - SURE_RAD), 0.0, 1.0)
+    share = (off - np.float32(SURE_RAD)) / np.float32(GONE_RAD - SURE_RAD)
+    share = np.minimum(np.maximum(share, 0.0), 1.0)
     faded: Floats = 1.0 - share * share * (3.0 - 2.0 * share)
     return faded

@@ -15,7 +15,7 @@ from math import radians, tau
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armadico.agents.methods import reflectors
 from armadico.agents.methods.grid import Grid
@@ -76,8 +76,21 @@ smooth walls have gone silent for some and not for other sonars (docs/worlds.md)
 BEFORE_M: Final = 0.3
 """So far before the wall it is looked at."""
 
+TOGETHER: Final = 1024
+"""Cells from which one looks at once: what they look at stays near by, in the processor's cache."""
+
+STEPS: Final = 4
+"""So many are made before it is asked who has arrived: to ask takes as long as a step."""
+
 SENSOR_M: Final = 0.08
 """No sonar is nearer to a wall than this: it sits within the robot."""
+
+
+WIDE: Final = 32_000
+"""Echoes at poses that are worked out at once: many, and what the processor's caches hold."""
+
+NEGLIGIBLE: Final = np.float32(-80.0)
+"""The exponential of less is a denormal number, for which processors take ten times as long."""
 
 
 class Fields(NamedTuple):
@@ -119,12 +132,7 @@ def fields(grid: Grid, cone_rad: float, reach_m: float) -> Fields:
     row, column = np.nonzero(open_)
     first, square = _looked(clearance, ys[row], xs[column], grid.cell_m, reach_m)
     made = reflectors.of_walls(grid.walls)
-    turned = round(0.5 * cone_rad / (tau / HEADINGS))
-    sees = square.copy()
-    for by in range(1, turned + 1):  # one after another: of a large map each takes 100 MB
-        for side in (-by, by):
-            np.minimum(sees, np.roll(square, side, axis=1), out=sees)
-    heard = reflectors.heard(made, first, sees, cell, origin, reach_m)
+    heard = reflectors.heard(made, first, square, cell, origin, cone_rad, reach_m)
     return Fields(np.array([x0, y0]), fine, coarse, np.stack(made), cell, heard)
 
 
@@ -143,33 +151,39 @@ def _looked(
     """
     width = clearance.shape[1]
     flat = clearance.ravel() / np.float32(cell_m)  # ways in cells
-    near, reach = np.float32(0.6), np.float32(reach_m / cell_m)
+    free = np.where(flat > np.float32(0.6), flat, np.float32(0.0))  # who is near a wall stays there
+    reach, before = np.float32(reach_m / cell_m), np.float32(BEFORE_M / cell_m)
     angles = np.arange(HEADINGS, dtype=np.float32) * np.float32(tau / HEADINGS)
-    dx, dy = np.cos(angles), np.sin(angles)
-    first = np.empty((HEADINGS, len(rows)), dtype=np.float32)
+    first = np.empty((len(rows), HEADINGS), dtype=np.float32)
     square = np.empty_like(first)
-    x0, y0 = columns.astype(np.float32) + np.float32(0.5), rows.astype(np.float32) + np.float32(0.5)
-    begin = flat[rows * width + columns]
-    before = np.float32(BEFORE_M / cell_m)
-    for heading in range(HEADINGS):
-        way, live = first[heading], np.arange(len(rows))
-        far, x, y = begin.copy(), x0, y0
-        way[:] = reach
+    for begin in range(0, len(rows), TOGETHER):
+        part = slice(begin, begin + TOGETHER)
+        count = len(rows[part])
+        x0, y0 = (
+            np.repeat(whole[part].astype(np.float32) + np.float32(0.5), HEADINGS)
+            for whole in (columns, rows)
+        )
+        dx0, dy0 = np.tile(np.cos(angles), count), np.tile(np.sin(angles), count)
+        way = np.repeat(free.take(rows[part] * width + columns[part]), HEADINGS)
+        live = np.arange(len(way))
         while len(live):
-            at = (y + dy[heading] * far).astype(np.int32) * width
-            at += (x + dx[heading] * far).astype(np.int32)
-            step = flat[at]
-            met = step <= near
-            way[live[met]] = far[met]
-            far = far + step
-            going = ~met & (far < reach)
-            live, far, x, y = live[going], far[going], x[going], y[going]
+            far, x, y, dx, dy = (array.take(live) for array in (way, x0, y0, dx0, dy0))
+            for _ in range(STEPS):
+                at = (y + dy * far).astype(np.int32) * width
+                at += (x + dx * far).astype(np.int32)
+                step = free.take(at)
+                far = np.minimum(far + step, reach)
+            way[live] = far
+            live = live.take(np.flatnonzero((step > 0.0) & (far < reach)))
         back = np.maximum(way - before, np.float32(0.0))
-        at = (y0 + dy[heading] * back).astype(np.int32) * width
-        at += (x0 + dx[heading] * back).astype(np.int32)
-        slant = flat[at] < np.float32(SQUARE) * (way - back)
-        square[heading] = np.where(slant, reach, way)
-    return first.T * np.float32(cell_m), square.T * np.float32(cell_m)
+        at = (y0 + dy0 * back).astype(np.int32) * width
+        at += (x0 + dx0 * back).astype(np.int32)
+        slant = flat.take(at) < np.float32(SQUARE) * (way - back)
+        first[part] = way.reshape(count, HEADINGS)
+        square[part] = np.maximum(way, reach * slant).reshape(count, HEADINGS)
+    first *= np.float32(cell_m)
+    square *= np.float32(cell_m)
+    return first, square
 
 
 class SonarModel:
@@ -191,111 +205,162 @@ class SonarModel:
             made: What `fields` has made of these three, if it has been kept.
         """
         made = fields(grid, cone_rad, reach_m) if made is None else made
-        self._arc = np.asarray(ARC) * (0.5 * cone_rad)
+        self._arc = np.asarray(ARC)[:, None] * (0.5 * cone_rad)
         self._inverse = np.float32(1.0 / grid.cell_m)
         self._x0, self._y0 = (np.float32(low) for low in made.corner)
         self._columns = made.fine.shape[1]
         self._fine, self._coarse = made.fine.ravel(), made.coarse.ravel()
         self.bounds = grid.bounds
-        self._reflectors = Reflectors(*made.reflectors)
-        self._cell, self._heard = made.cell.ravel(), made.heard.view((np.uint32, 3))
+        r = Reflectors(*made.reflectors)
+        self._reflectors = r.x, r.y, r.along_x, r.along_y
+        self._row = made.cell.ravel() * np.int32(HEADINGS)  # of each cell; negative: the last ones
+        self._heard = made.heard.view((np.uint32, 3))
         self._rows, self._across = made.cell.shape
 
     def likelihood(self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False) -> Floats:
         """The likelihood of each echo at each pose, (poses, echoes); 1 is the best there is."""
         found = np.empty((len(poses), len(echoes)), dtype=np.float32)
-        x, y, theta = self._held(poses)
-        c, s = np.cos(theta), np.sin(theta)
-        for column, echo in enumerate(echoes):
-            ahead, left = np.float32(echo.x), np.float32(echo.y)
-            ear_x = np.asarray(x + (c * ahead - s * left), dtype=np.float32)
-            ear_y = np.asarray(y + (s * ahead + c * left), dtype=np.float32)
-            looks: Floats = theta + np.float32(echo.bearing)
-            where = self._where(ear_x, ear_y, looks)
-            heard = np.take(self._heard, where, axis=0, mode="clip").view(ROW)[:, 0]
-            if echo.range is None:
-                found[:, column] = UNHEARD + (1.0 - UNHEARD) / FULL * heard["silent"]
-                continue
-            likelihood = self._scattered(x, y, c, s, echo, coarse)
-            sees, range_mm = heard["sees_mm"], 1e3 * echo.range
-            likelihood += np.float32(SHORT) * (sees > range_mm) + np.float32(RANDOM)
-            likelihood[sees < range_mm - 1e3 * THROUGH_M] *= np.float32(THROUGH)
-            likelihood *= np.float32(1.0 - EXACT)
-            likelihood += self._exact(ear_x, ear_y, heard, echo.range, coarse)
-            found[:, column] = likelihood
+        for answered in (True, False):
+            which = [k for k, echo in enumerate(echoes) if (echo.range is not None) is answered]
+            chosen = [echoes[k] for k in which]
+            together = WIDE // max(1, len(which))
+            for begin in range(0, len(poses) if which else 0, together):
+                part = slice(begin, begin + together)
+                at = self._held(poses[part])
+                of = self._answered(at, chosen, coarse) if answered else self._none(at, chosen)
+                found[part, which] = of.T
         return found
 
-    def _where(self, x: Floats, y: Floats, heading: Floats) -> NDArray[np.int32]:
-        """The rows of what is heard from there; the last ones where no sonar can be."""
+    def _none(self, at: Held, echoes: Sequence[Echo]) -> Floats:
+        """The likelihood that there is no echo, (echoes, poses)."""
+        heard, _, _ = self._heard_from(at, echoes)
+        return _float32(UNHEARD + (1.0 - UNHEARD) / FULL * heard["silent"])
+
+    def _answered(self, at: Held, echoes: Sequence[Echo], coarse: bool) -> Floats:
+        """The likelihood of each range, (echoes, poses)."""
+        ranges = np.array([echo.range for echo in echoes], dtype=np.float64)[:, None]
+        heard, x, y = self._heard_from(at, echoes)
+        likelihood = self._scattered(at, echoes, ranges, coarse)
+        sees, range_mm = heard["sees_mm"].astype(np.float32), 1e3 * ranges  # whole mm
+        before = sees > _float32(np.floor(range_mm))
+        through = sees < _float32(np.ceil(range_mm - 1e3 * THROUGH_M))
+        likelihood += np.float32(SHORT) * before + np.float32(RANDOM)
+        likelihood *= _float32((1.0, THROUGH)).take(through)
+        likelihood *= np.float32(1.0 - EXACT)
+        likelihood += self._exact(x, y, heard, ranges, coarse)
+        return likelihood
+
+    def _heard_from(
+        self, at: Held, echoes: Sequence[Echo]
+    ) -> tuple[NDArray[np.void], Floats, Floats]:
+        """What is heard from where each sonar is at each pose, and where: (echoes, poses)."""
+        x, y = at.ahead(_float32([[e.x] for e in echoes]), _float32([[e.y] for e in echoes]))
         west, south = (np.float32(low - MARGIN_M) for low in self.bounds[:2])
         inverse = np.float32(1.0 / CELL_M)
         column = ((x - west) * inverse).astype(np.int32)
         row = ((y - south) * inverse).astype(np.int32)
         np.clip(column, 0, self._across - 1, out=column)
         np.clip(row, 0, self._rows - 1, out=row)
-        turn = np.rint(heading * np.float32(HEADINGS / tau)).astype(np.int32) % HEADINGS
-        where: NDArray[np.int32] = self._cell[row * self._across + column] * HEADINGS + turn
-        where[where < 0] += len(self._heard)
-        return where
+        row *= self._across
+        row += column
+        looks = at.theta + _float32([[e.bearing] for e in echoes])
+        turn = np.rint(looks * np.float32(HEADINGS / tau)).astype(np.int32)
+        turn -= turn // HEADINGS * HEADINGS  # numpy's remainder takes 20 times as long
+        where = self._row.take(row)
+        where += turn
+        heard = self._heard.take(where, axis=0).view(ROW)[..., 0]
+        return heard, x, y
 
     def _exact(
         self,
         x: Floats,
         y: Floats,
         heard: NDArray[np.void],
-        range_m: float,
+        ranges: NDArray[np.float64],
         coarse: bool,
     ) -> Floats:
         """That the range is that of something that is heard from there."""
-        deviation = (COARSE_EXACT_M if coarse else EXACT_M) + EXACT_SHARE * range_m
-        inverse, reading = np.float32(1.0 / deviation), np.float32(range_m / deviation)
-        likelihood = np.zeros(len(x), dtype=np.float32)
-        r = self._reflectors
+        deviation = (COARSE_EXACT_M if coarse else EXACT_M) + EXACT_SHARE * ranges
+        inverse, reading = _float32(1.0 / deviation), _float32(ranges / deviation)
+        likelihood = np.zeros_like(x)
         for rank in range(LIKELY):
-            one = heard["which"][:, rank].astype(np.intp)
-            to_x, to_y = r.x[one] - x, r.y[one] - y
-            along_x, along_y = r.along_x[one], r.along_y[one]
-            foot = to_x * along_x + to_y * along_y
-            to_x -= foot * along_x
-            to_y -= foot * along_y
-            off = np.sqrt(to_x * to_x + to_y * to_y)
+            one = heard["which"][..., rank].astype(np.intp)
+            to_x, to_y, along_x, along_y = (column.take(one) for column in self._reflectors)
+            to_x -= x
+            to_y -= y
+            foot = to_x * along_x
+            foot += to_y * along_y
+            along_x *= foot
+            along_y *= foot
+            to_x -= along_x
+            to_y -= along_y
+            to_x *= to_x
+            to_y *= to_y
+            off = np.sqrt(np.add(to_x, to_y, out=to_x), out=to_x)
             off *= inverse
             off -= reading
             off *= off
             off *= np.float32(-0.5)
-            likelihood += heard["chance"][:, rank] * np.exp(off, out=off)
+            np.maximum(off, NEGLIGIBLE, out=off)
+            np.exp(off, out=off)
+            off *= heard["chance"][..., rank]
+            likelihood += off
         likelihood *= np.float32(EXACT / FULL)
         return likelihood
 
     def _scattered(
-        self,
-        x: Floats,
-        y: Floats,
-        c: Floats,
-        s: Floats,
-        echo: Echo,
-        coarse: bool,
+        self, at: Held, echoes: Sequence[Echo], ranges: NDArray[np.float64], coarse: bool
     ) -> Floats:
         """That it comes from anything on the arc."""
-        assert echo.range is not None
         field, inverse = self._coarse if coarse else self._fine, self._inverse
-        west, south = x - self._x0, y - self._y0
-        best = np.zeros(len(x), dtype=np.float32)
-        for angle in self._arc + echo.bearing:
-            ahead = np.float32(echo.x + echo.range * np.cos(angle))
-            left = np.float32(echo.y + echo.range * np.sin(angle))
-            column = ((west + (c * ahead - s * left)) * inverse).astype(np.int32)
-            row = ((south + (s * ahead + c * left)) * inverse).astype(np.int32)
+        at = at._replace(x=at.x - self._x0, y=at.y - self._y0)
+        mounts = np.array([(e.x, e.y, e.bearing) for e in echoes])[:, :, None]
+        best = np.zeros((len(echoes), len(at.x)), dtype=np.float32)
+        for off in self._arc:
+            angle = mounts[:, 2] + off
+            x, y = at.ahead(
+                _float32(mounts[:, 0] + ranges * np.cos(angle)),
+                _float32(mounts[:, 1] + ranges * np.sin(angle)),
+            )
+            x *= inverse
+            y *= inverse
+            row = y.astype(np.int32)
             row *= self._columns  # an echo from beyond the field is of no wall: any cell will do
-            row += column
+            row += x.astype(np.int32)
             np.maximum(best, field.take(row, mode="clip"), out=best)
         return best
 
-    def _held(self, poses: Poses) -> tuple[Floats, Floats, Floats]:
-        """The columns, the places kept so near to the map that every echo is on the field."""
+    def _held(self, poses: Poses) -> Held:
+        """The poses, kept so near to the map that every echo is on the field."""
         x1, y1, x2, y2 = self.bounds
-        return (
+        theta = poses[:, 2].copy()
+        return Held(
             np.clip(poses[:, 0], x1 - MARGIN_M, x2 + MARGIN_M),
             np.clip(poses[:, 1], y1 - MARGIN_M, y2 + MARGIN_M),
-            poses[:, 2],
+            theta,
+            np.cos(theta),
+            np.sin(theta),
         )
+
+
+class Held(NamedTuple):
+    """Poses, each array (poses,)."""
+
+    x: Floats
+    y: Floats
+    theta: Floats
+    c: Floats
+    s: Floats
+
+    def ahead(self, ahead: Floats, left: Floats) -> tuple[Floats, Floats]:
+        """Where places in their frames are, (places, 1), on the map, (places, poses)."""
+        x, y = self.c * ahead, self.s * ahead
+        x -= self.s * left
+        y += self.c * left
+        x += self.x
+        y += self.y
+        return x, y
+
+
+def _float32(values: ArrayLike) -> Floats:
+    return np.asarray(values, dtype=np.float32)

@@ -40,6 +40,12 @@ ALONE_S = 5.0
 
 LOOK_S = 0.1
 
+INSTEAD = (
+    "--attach drives with it, --namespace NAME without; `armadico down` ends what a killed run"
+    " has left"
+)
+"""What to do about somebody else's society."""
+
 
 class Launcher(LiveRun):
     """The processes of one run; a context manager that leaves nothing running."""
@@ -109,8 +115,7 @@ class Launcher(LiveRun):
         if there:
             raise RunFailedError(
                 f"a robot is in the namespace {self._namespace!r} already: {there[0][1]}"
-                " (armadico ps shows whose); --attach drives with it, --namespace NAME without;"
-                " `armadico down` ends what a killed run has left"
+                f" (armadico ps shows whose); {INSTEAD}"
             )
 
     def _refuse_a_second_run(self) -> None:
@@ -181,8 +186,14 @@ class Launcher(LiveRun):
     def _check_alive(self) -> None:
         for process in self.processes:
             if process.ended():
-                how = ending(process.popen.returncode)
-                raise RunFailedError(f"{process.name} ended with {how}:\n{process.last_words()}")
+                said = f"{ending(process.popen.returncode)}:\n{process.last_words()}"
+                if process.popen.returncode == MISUSED and self._is_alive(process.name):
+                    said += f"\nA society is up in that namespace: {INSTEAD}"
+                raise RunFailedError(f"{process.name} ended with {said}")
+
+    def _is_alive(self, name: str) -> bool:
+        """Whether somebody's agent of that name is."""
+        return any(other == name for other, _ in self.client.alive)
 
     def look(self) -> None:
         """Say once who has gone.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterator, Sequence
-from math import cos, hypot, inf, pi, radians, sin, sqrt
+from math import cos, hypot, inf, pi, radians, sin, sqrt, tau
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.localization import Localization, Parameters, as_fired, sonar_model
+from armadico.agents.methods import reflectors
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.monte_carlo import Elsewhere, Estimate, MonteCarlo, Place, Settings
 from armadico.agents.methods.reflectors import WALL
@@ -22,6 +23,7 @@ from armadico.agents.methods.sonar_model import (
     SHORT,
     THROUGH,
     UNHEARD,
+    WIDE,
     SonarModel,
 )
 from armadico.agents.path_planning import PathPlanning
@@ -156,6 +158,48 @@ def test_what_a_nearer_wall_hides_is_not_heard() -> None:
     """From the arm of the L, the outer wall at y = 4 is behind the one at y = 3."""
     assert one((1.5, 1.5, pi / 2), 1.5) > 0.5
     assert one((1.5, 1.5, pi / 2), 2.5) < 0.1
+
+
+def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is_behind() -> None:
+    """Looked at one by one, beside all at once."""
+    rng = np.random.default_rng(9001)
+    made = reflectors.of_walls(GRID.walls)
+    cells, nothing = 40, len(made.x) - 1
+    in_sight = np.arange(reflectors.NEAREST) < rng.integers(0, reflectors.NEAREST + 1, (cells, 1))
+    which = np.where(in_sight, rng.integers(0, nothing, in_sight.shape), nothing).astype(np.int32)
+    ways = np.where(in_sight, rng.uniform(0.1, 5.0, in_sight.shape), 0.0).astype(np.float32)
+    angles = rng.uniform(-pi, pi, in_sight.shape).astype(np.float32)
+    table = np.empty(cells * reflectors.HEADINGS, dtype=reflectors.ROW)
+    reflectors._likely(made, which, ways, angles, table)
+    for number, row in enumerate(table.tolist()):
+        cell, heading = divmod(number, reflectors.HEADINGS)
+        silent, answers = 1.0, [(0.0, nothing)] * reflectors.LIKELY
+        for one, way, angle in zip(which[cell], ways[cell], angles[cell], strict=True):
+            off = abs(wrap(float(angle) - heading * tau / reflectors.HEADINGS))
+            if one == nothing or off >= reflectors.GONE_RAD:
+                continue
+            fades = min(1.0, float(made.fades_m[one]) / float(way))
+            chance = silent * float(made.chance[one]) * fades * float(reflectors._fade(off))
+            silent -= chance
+            answers.append((chance, int(one)))
+        best = sorted(answers, key=lambda answer: -answer[0])[: reflectors.LIKELY]
+        assert list(row[0]) == [one for _, one in best]
+        assert list(row[1]) == pytest.approx(
+            [reflectors.FULL * chance for chance, _ in best], abs=0.51
+        )
+        assert row[2] == pytest.approx(reflectors.FULL * silent, abs=0.51)
+
+
+def test_echoes_are_weighed_together_as_each_alone() -> None:
+    """Many at once, with some that found nothing among them, at places in the map and beyond it."""
+    rng = np.random.default_rng(9001)
+    poses = rng.uniform((-1.0, -1.0, -20.0), (7.0, 5.0, 20.0), (WIDE // 4, 3)).astype(np.float32)
+    echoes = ring((1.5, 1.5, 0.4))
+    echoes[1] = replace(echoes[1], range=None)
+    echoes[6] = replace(echoes[6], range=None)
+    for coarse in (False, True):
+        alone = [MODEL.likelihood(poses, [echo], coarse=coarse) for echo in echoes]
+        assert (MODEL.likelihood(poses, echoes, coarse=coarse) == np.hstack(alone)).all()
 
 
 def test_the_heading_wanders_as_wheels_do_that_slip() -> None:

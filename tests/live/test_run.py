@@ -17,7 +17,7 @@ from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.launch.local import Launcher
 from armadico.launch.processes import simulator_words
-from armadico.launch.society import Options
+from armadico.launch.society import Member, Options
 from armadico.mesh.ports import private_endpoints
 from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
@@ -157,6 +157,23 @@ def test_of_two_runs_that_begin_together_one_at_most_drives(run: Start) -> None:
     errors = [process.communicate(timeout=2 * SOON)[1] for process in both]
     told = [text for text in errors if f"the namespace {NAMESPACE!r}" in text]
     assert len(told) >= len(both) - 1, errors
+
+
+def test_who_finds_another_society_only_once_it_has_started_is_told_what_to_do(
+    apart: None,
+) -> None:
+    """One without a robot is not seen before; one that is busy may be seen late."""
+    few = replace(LINE, agents=("robot", "encoder"))
+    with (
+        mesh_of(NAMESPACE) as mesh,
+        Launcher(few, Options(), mesh, NAMESPACE) as there,
+        mesh_of(NAMESPACE) as another,
+        Launcher(few, Options(), another, NAMESPACE) as launcher,
+    ):
+        there.start_agent(Member("encoder"))
+        assert there.client.wait_for(lambda: there._is_alive("encoder"), SOON)
+        with pytest.raises(RunFailedError, match=r"(?s)^encoder ended with .*--attach .* down`"):
+            launcher.start()
 
 
 def test_everybody_joins_the_mesh_that_was_named_and_no_picture_spoils_no_run(
