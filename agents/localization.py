@@ -142,6 +142,7 @@ class Localization(Agent):
             inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
             self.p.filter or (LASER if self._sees else Settings()),
+            lambda x, y: grid.clearances(x, y) > profile.body.width_m / 2 - 2 * CELL_M,
         )
         self._ping_s = 0.0 if self._sees else profile.ring.period_s
         self._scan: int | None = None  # the last one's number

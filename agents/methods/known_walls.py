@@ -95,7 +95,8 @@ class _Near(NamedTuple):
     end: bool
     side: int  # of the wall's own normal, on which the robot is not
     off: float  # m that it may be farther off, by the pose,
-    by: float  # and m by which that is moved away
+    by: float  # m by which that is moved away,
+    slowly: float  # and from where it explains
 
 
 class _Heard(NamedTuple):
@@ -103,6 +104,7 @@ class _Heard(NamedTuple):
 
     by: float
     slowly: float  # and from where it explains
+    end: bool = False  # by an end of the wall: that tells of its length, too
     ago: int = 0  # cycles
 
 
@@ -115,9 +117,19 @@ SLOW_M = 0.03
 BESIDE_M = 0.05
 """A place no farther than this beyond the nearest in a cone may be the one that was heard."""
 
-UNHEARD_M = 0.05
-"""A wall so near the body that nobody has heard lately is where the map has it: the benefit of the
-doubt by which a door is passed, m, is more than what is kept as a corner turns past it."""
+LATELY_CYCLES = 15
+"""What was heard of a wall in so many cycles tells how the rest of it lies,"""
+
+IN_LINE = 5
+"""so many threes on,"""
+
+SLANT = 0.2
+"""turned by no more than this, rad, from how the map has it: a pose is rarely so far off."""
+
+CLOSE_M = 0.05
+"""A wall so near the circle in which the body turns is no farther than the map has it: the benefit
+of the doubt by which a door is passed, m, is more than what is kept as a corner turns past it. Nor
+is one that was heard from farther off: that may have been its edge, before a wall that is dead."""
 
 
 class KnownWalls:
@@ -174,6 +186,7 @@ class KnownWalls:
             self._looked, self._near = None, []
             return
         moved = {three: heard._replace(ago=0) for three, heard in self._heard.items()}
+        moved |= self._in_line()
         looked = pose, (xx, xy, yy), believed
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         if looked != self._looked:
@@ -278,8 +291,8 @@ class KnownWalls:
     def points(self, outline: Outline | None = None) -> list[Obstacle]:
         """The nearest place that is believed, in each direction in which there is one.
 
-        What has not been heard is the less farther off than the map has it the nearer the robot's
-        `outline` is to it.
+        It is the less farther off than the map has it the nearer the robot's `outline` turns to it,
+        but for the end of a wall that was heard, a door's post: that is where it was heard.
         """
         s = self.settings
         best: dict[int, _Near] = {}
@@ -295,15 +308,35 @@ class KnownWalls:
 
     def _expected(self, place: _Near, outline: Outline | None) -> Obstacle:
         """Where a place is published."""
-        x, y = place.x, place.y
-        if outline is None or place.off <= 0.0 or place.three in self._heard:
+        x, y, by = place.x, place.y, place.by
+        if outline is None or by <= 0.0 or (place.end and place.three in self._heard):
             return Obstacle(x, y, place.distance)
-        mapped = x - place.off * place.nx, y - place.off * place.ny
-        less = place.off - max(0.0, outline.clearance(*mapped) - UNHEARD_M)
+        corner = math.hypot(max(outline.front, outline.rear), outline.half_width)
+        mapped = math.hypot(x - by * place.nx, y - by * place.ny)
+        less = by - max(0.0, mapped - corner - CLOSE_M)
         if less <= 0.0:
             return Obstacle(x, y, place.distance)
         x, y = x - less * place.nx, y - less * place.ny
         return Obstacle(x, y, math.hypot(x, y))
+
+    def _in_line(self) -> dict[int, _Heard]:
+        """How near the threes are that nobody heard, by those of the same wall that were.
+
+        A wall is straight, and a pose that is off, or turned, moves all of it. Who drives along one
+        hears it beside him only: where the map and the pose have it ahead, it may come nearer.
+        """
+        lately = {
+            three: heard
+            for three, heard in self._heard.items()
+            if heard.ago <= LATELY_CYCLES and not heard.end
+        }
+        found = {}
+        for three in {t for h in lately for t in range(h - IN_LINE, h + IN_LINE + 1)}:
+            if three not in self._heard:
+                beside = [(h - three, lately[h]) for h in lately if abs(h - three) <= IN_LINE]
+                by = _at_zero([(off, heard.by) for off, heard in beside])
+                found[three] = _Heard(by, min(beside, key=lambda one: abs(one[0]))[1].slowly)
+        return found
 
     def _explains(self, echo: Echo) -> bool:
         if echo.range is None:
@@ -334,9 +367,9 @@ class KnownWalls:
         nearest = min((away for away, _ in may), default=0.0)  # an echo comes from what is nearest
         for away, place in may:
             if away - nearest < BESIDE_M:
-                by = min(place.off, place.by - (nearest - echo.range))
-                side = place.side
-                self._heard[place.three] = _Heard(side * by, side * max(by, place.by - SLOW_M))
+                by = min(place.off, place.slowly - (nearest - echo.range))
+                side, slowly = place.side, max(by, place.slowly - SLOW_M)
+                self._heard[place.three] = _Heard(side * by, side * slowly, place.end)
         return bool(may)
 
     @property
@@ -372,6 +405,18 @@ class KnownWalls:
         return self._around
 
 
+def _at_zero(points: Sequence[tuple[int, float]]) -> float:
+    """What the line through points (threes, m) has at 0: of least squares, and within `SLANT`."""
+    x = sum(three for three, _ in points) / len(points)
+    y = sum(by for _, by in points) / len(points)
+    spread = sum((three - x) ** 2 for three, _ in points)
+    if spread == 0.0:
+        return y
+    slope = sum((three - x) * (by - y) for three, by in points) / spread
+    most = SLANT * 3.0 * STEP_M
+    return y - x * max(-most, min(most, slope))
+
+
 def _put(bare: _Bare, heard: _Heard | None, cos: float, sin: float) -> _Near:
     """A place in the body's frame, by what the pose may be off or it has been heard."""
     three, dx, dy, nx, ny, end, side, off = bare
@@ -383,7 +428,7 @@ def _put(bare: _Bare, heard: _Heard | None, cos: float, sin: float) -> _Near:
     from_x, from_y = cos * dx + sin * dy, cos * dy - sin * dx
     x, y = from_x + (by - slowly) * ahead, from_y + (by - slowly) * left
     away = math.hypot(x, y)
-    return _Near(three, x, y, ahead, left, away, from_x, from_y, end, side, off, slowly)
+    return _Near(three, x, y, ahead, left, away, from_x, from_y, end, side, off, by, slowly)
 
 
 def _buckets(middle: float, reach: float) -> range:
@@ -399,6 +444,7 @@ def _places(walls: Iterable[Segment]) -> Iterator[_Place]:
         length = math.hypot(x2 - x1, y2 - y1)
         if length == 0.0:
             continue
+        three += IN_LINE  # what is beside a three in number is beside it on its wall
         nx, ny = (y1 - y2) / length, (x2 - x1) / length
         steps = math.ceil(length / STEP_M)
         for step in range(steps + 1):

@@ -9,9 +9,9 @@ else the robot may be is looked for on the whole map by a stretch of the drive, 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
-from math import exp, hypot, inf, sqrt
+from math import exp, hypot, inf, log, sqrt
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -55,6 +55,14 @@ FIRST: Final = (4, 8, 16)
 
 SETTLED: Final = 1e-5
 """A cluster about a place so near to the one before, m and rad, is that one: a float32's noise."""
+
+
+IN_WALL: Final = log(0.1)
+"""Logarithm of how likely a guess is whose body would be in a wall, each time that it is weighed:
+a dead wall does not answer, and particles would drift through it. Not impossible, for maps are off
+by some centimetres."""
+
+FitsIn = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 
 
 class Settings(Struct, frozen=True):
@@ -186,6 +194,7 @@ class MonteCarlo:
         free: NDArray[np.float64],
         rng: np.random.Generator,
         settings: Settings = Settings(),  # noqa: B008 - frozen
+        fits_in: FitsIn | None = None,
     ) -> None:
         """Nowhere yet; see `start_at` and `start_anywhere`.
 
@@ -194,8 +203,10 @@ class MonteCarlo:
             free: Places where the robot may be, (n, 2), m.
             rng: All that is random.
             settings: What is believed of the odometry.
+            fits_in: Whether the body fits in at places, by their x and y, m; None: anywhere.
         """
         self._model = model
+        self._fits_in = fits_in
         self._free = free.astype(np.float32)
         self._rng = rng
         self.settings = settings
@@ -307,6 +318,9 @@ class MonteCarlo:
         self._logs.extend((self.weights @ _logs(likelihood)).tolist())
         trust = self.settings.doubtful if self.lost else self.settings.trust
         logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
+        if self._fits_in is not None:
+            x, y = self.poses[:, :2].T.astype(np.float64)
+            logs[~self._fits_in(x, y)] += IN_WALL
         weights = self.weights * np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):

@@ -7,12 +7,14 @@ from math import atan2, cos, hypot, pi, radians, sin, sqrt
 import pytest
 
 from armadico.agents.methods.known_walls import (
+    CLOSE_M,
     HEARD_CYCLES,
+    LATELY_CYCLES,
     STEP_M,
-    UNHEARD_M,
     KnownWalls,
     Segment,
 )
+from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2, to_world
 from armadico.core.swept_path import Outline
@@ -261,15 +263,31 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
 BODY = Outline(front=0.25, rear=0.25, half_width=0.2)
 
 
-@pytest.mark.parametrize("away", [0.01, 0.04, 0.06, 0.1, 0.3])
-def test_a_wall_beside_the_body_that_nobody_heard_is_where_the_map_has_it(away: float) -> None:
+CORNER = hypot(0.25, 0.2)
+MAY = 0.06  # m that the pose may be off
+
+
+def beyond_corner(wall: float, *heard: float) -> float:
+    """How far a wall to the right is beyond the circle of the body, m, heard from so far or not."""
+    known = KnownWalls([(-2.0, -wall, 2.0, -wall)])
+    known.look(HERE, sure(sqrt(2.0) * MAY))
+    for away in heard:
+        assert explains(known, Ping(0.0, 0.0, -pi / 2, away))
+        known.look(HERE, sure(sqrt(2.0) * MAY))
+    return min(-o.y for o in known.points(BODY) if abs(o.x) < 0.05) - CORNER
+
+
+@pytest.mark.parametrize("away", [-0.1, 0.02, 0.06, 0.1, 0.3])
+def test_a_wall_beside_the_circle_of_the_body_is_where_the_map_has_it(away: float) -> None:
     """Farther off by what the pose may be off, a corner would be turned into it."""
-    may = 0.06
-    known = KnownWalls([(-2.0, -0.2 - away, 2.0, -0.2 - away)])
-    known.look(HERE, sure(sqrt(2.0) * may))
-    expected = min(-o.y for o in known.points(BODY) if abs(o.x) < 0.2) - BODY.half_width
-    assert expected == pytest.approx(away + min(may, max(0.0, away - UNHEARD_M)))
-    assert min(-o.y for o in known.points()) - BODY.half_width == pytest.approx(away + may)
+    expected = away + min(MAY, max(0.0, away - CLOSE_M))
+    assert beyond_corner(CORNER + away) == pytest.approx(expected, abs=0.004)
+
+
+def test_a_wall_that_was_heard_from_farther_is_there_only_away_from_that_circle() -> None:
+    """A dead one is not heard: it was its edge."""
+    assert beyond_corner(CORNER + 0.02, CORNER + 0.06) == pytest.approx(0.02, abs=0.004)
+    assert beyond_corner(CORNER + 0.2, CORNER + 0.24) == pytest.approx(0.24, abs=0.004)
 
 
 @pytest.mark.parametrize("off", [0.05, -0.05])
@@ -285,6 +303,55 @@ def test_a_doors_post_that_was_heard_is_where_it_was_heard_however_near(off: flo
     heard = min(hypot(o.x, o.y) for o in known.points(BODY))
     mapped = hypot(0.3, post)
     assert heard > mapped + 0.02 if off > 0.0 else heard < mapped - 0.02
+
+
+OFF = 0.08  # m that the pose may be off
+
+
+def along(known: KnownWalls, turned: float = 0.0) -> None:
+    """It believes that it drives along a wall 0.4 m to its left, and comes nearer to that."""
+    for step in range(5):
+        x = 0.1 * step
+        known.look((x, 0.0, 0.0), sure(OFF))
+        assert explains(known, Ping(0.0, 0.0, pi / 2, 0.36 - turned * x))
+
+
+def to_the_left(known: KnownWalls, least: float, most: float) -> list[Obstacle]:
+    """What is expected beside where it has come to, between so far ahead."""
+    known.look((0.4, 0.0, 0.0), sure(OFF))
+    found = sorted(o for o in known.points() if least < o.x < most)
+    assert found
+    return found
+
+
+FARTHEST = 0.4 + OFF / sqrt(2.0)
+
+
+@pytest.mark.parametrize(("turned", "within"), [(0.0, 0.002), (0.1, 0.03), (-0.1, 0.03)])
+def test_a_wall_goes_on_as_it_was_heard_not_as_a_turned_pose_has_it(
+    turned: float, within: float
+) -> None:
+    known = KnownWalls([(-2.0, 0.4, 2.0, 0.4)])
+    along(known, turned)
+    for o in to_the_left(known, 0.2, 0.4):
+        assert o.y == pytest.approx(min(0.36 - turned * (0.4 + o.x), FARTHEST), abs=within)
+    for _ in range(LATELY_CYCLES + 1):
+        known.hear([])
+    assert to_the_left(known, 0.4, 0.7)[-1].y == pytest.approx(FARTHEST)
+
+
+def test_another_wall_does_not_go_on_as_this_one() -> None:
+    known = KnownWalls([(-2.0, 0.4, 0.45, 0.4), (0.7, 0.4, 2.0, 0.4)])
+    along(known)
+    assert to_the_left(known, 0.3, 0.6)[0].y == pytest.approx(FARTHEST)
+
+
+def test_from_the_end_of_a_wall_nobody_knows_how_it_goes_on() -> None:
+    """Heard at a slant, it may be longer than on the map, or nearer."""
+    known = KnownWalls([(0.8, 0.4, 2.0, 0.4)])
+    known.look((0.4, 0.0, 0.0), sure(OFF))
+    assert explains(known, Ping(0.0, 0.0, pi / 4, 0.5))
+    assert to_the_left(known, 0.7, 1.2)[0].y == pytest.approx(FARTHEST)
 
 
 def beside(y: float = 0.74) -> KnownWalls:

@@ -459,6 +459,7 @@ class Robot:
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
         self.stands = False  # somebody half a metre before the sonars that look to the right
+        self.deaf = False  # nothing answers
         self.said: list[Message] = []
 
     def restart(self, motion: Pose2, *, anew: bool = False) -> None:
@@ -480,6 +481,8 @@ class Robot:
         pings = tuple(ranged(pose, index) for index in (self.number % 8, (self.number + 3) % 8))
         if self.stands:
             pings = tuple(p if p.bearing > 0.0 else replace(p, range=0.5) for p in pings)
+        if self.deaf:
+            pings = tuple(replace(p, range=None) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
         said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
@@ -505,6 +508,17 @@ def test_it_says_where_the_odometry_begins_by_the_map(world: str) -> None:
     assert len(corrections[-1].covariance) == 6
     told = compose(begin, robot.odometry)
     assert hypot(told[0] - pose[0], told[1] - pose[1]) > 0.2  # what it was corrected from
+
+
+def test_what_may_be_does_not_go_through_a_wall_that_does_not_answer(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    robot.deaf = True
+    pose, motion = (0.6, 0.3, 0.0), (0.04, 0.0, 0.0)
+    for _ in range(110):
+        pose = compose(pose, motion)
+        robot.at(pose, motion, pose)
+    places = poses_of([m for m in robot.said if isinstance(m, Particles)][-1])
+    assert sum(y < 0.1 for _, y, _ in places) < 0.05 * len(places)
 
 
 def test_sonars_fire_one_after_the_other_while_the_robot_moves() -> None:

@@ -351,6 +351,26 @@ def test_a_robot_agent_that_repeats_the_last_command_has_not_stopped(story: Stor
     assert Promise.SILENCE in story.broken()
 
 
+@pytest.mark.parametrize(
+    ("slowed", "slower", "broken"),
+    [(2, 0.02, []), (4, 0.02, []), (5, 0.02, [Promise.SILENCE]), (2, 0.0, [Promise.SILENCE])],
+    ids=["once", "while it is obeyed", "for longer", "goes on as it was"],
+)
+def test_what_was_commanded_is_slowed_by_the_reflex(
+    story: Story, slowed: int, slower: float, broken: list[Promise]
+) -> None:
+    """What came late, and was obeyed, is too old to have been commanded in the next cycle."""
+    story.cycles(10)
+    story.order = story.talk = False
+    story.cycles(2)
+    story.see(Ordered(story.now, story.v, 0.0))
+    assert story.broken() == []
+    for _ in range(slowed):
+        story.cycles(1)
+        story.see(Ordered(story.now, story.v - slower, 0.0))
+    assert story.broken() == broken
+
+
 def test_wheels_that_do_not_rest_after_rest_was_ordered(story: Story) -> None:
     story.cycles(10)
     story.see(Ordered(story.now, 0.0, 0.0))

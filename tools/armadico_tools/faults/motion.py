@@ -44,8 +44,9 @@ class Silence:
     Each command that is obeyed is written to the controller; so once it was ordered to move, either
     the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
     not long past: a robot agent that goes on by itself has not stopped. A busy onlooker may see the
-    order before the command that it obeys, so that has `heard_s` to come. After the braking time
-    the wheels rest: an order that the line lost is given again.
+    order before the command that it obeys, so that has `heard_s` to come. The reflex slows what is
+    obeyed, for as long as it is: that is no other order. After the braking time the wheels rest: an
+    order that the line lost is given again.
     """
 
     promise = Promise.SILENCE
@@ -58,6 +59,7 @@ class Silence:
         self._commands: deque[Command] = deque(maxlen=COMMANDS)
         self._order: Ordered | None = None  # the last, if it moves and is not settled yet
         self._unheard: list[tuple[Ordered, Cycle | None]] = []  # and the newest cycle then
+        self._obeyed: tuple[Command, Cycle | None] | None = None  # the last that was, likewise
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At each order, and as time passes."""
@@ -98,7 +100,11 @@ class Silence:
 
     def _look_for_command(self, order: Ordered, now: Situation) -> None:
         newest = None if now.state is None else now.state.cycle
-        if not any(_asks_for(command, order, newest) for command in reversed(self._commands)):
+        asking = (each for each in reversed(self._commands) if _asks_for(each, order, newest))
+        command = next(asking, None)
+        if command is not None:
+            self._obeyed = command, newest
+        elif self._obeyed is None or not _slows(*self._obeyed, order, newest):
             self._unheard.append((order, newest))
 
 
@@ -107,10 +113,19 @@ def _asks_for(command: Command, order: Ordered, newest: Cycle | None) -> bool:
 
     One of a later cycle does not: that order was not its.
     """
+    return _is_like(command, order) and abs(age(command.cycle, newest)) <= FRESH_CYCLES
+
+
+def _slows(command: Command, then: Cycle | None, order: Ordered, newest: Cycle | None) -> bool:
+    """Whether an order is what was commanded and obeyed a little while ago, made slower ahead."""
+    lasts = then is not None and age(then, newest) <= FRESH_CYCLES
+    return lasts and _is_like(command, order) and order.v < speeds(command)[0] - ROUND_M_S
+
+
+def _is_like(command: Command, order: Ordered) -> bool:
     v, w = speeds(command)
     near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
-    near = near and abs(w - order.w) <= ROUND_RAD_S
-    return near and abs(age(command.cycle, newest)) <= FRESH_CYCLES
+    return near and abs(w - order.w) <= ROUND_RAD_S
 
 
 class Watchdog:
