@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import random
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from threading import Event, Lock, Timer
 from typing import Final, Protocol
 
@@ -37,7 +37,17 @@ MEET_S: Final = 0.3
 PROBE_S: Final = 0.5
 """How long somebody may take to accept a connection."""
 
-Ends = Callable[[], None]
+
+class Beside(Protocol):
+    """Another session of this process, that says and hears nothing."""
+
+    def met(self) -> set[str]:
+        """The ids of those that it has a link with."""
+        ...
+
+    def close(self) -> None:
+        """Leave. It may take some seconds."""
+        ...
 
 
 class Sessions(Protocol):
@@ -47,34 +57,37 @@ class Sessions(Protocol):
         """The ids of those that it has a link with."""
         ...
 
-    def open_beside(self, listen: tuple[str, ...] | None) -> Ends | None:
-        """Open another session that says and hears nothing; what closes it.
-
-        Args:
-            listen: Where; a free port if None.
-
-        Returns:
-            None if somebody listens there.
-        """
+    def open_beside(self, listen: tuple[str, ...] | None) -> Beside | None:
+        """Open one that listens there, or at a free port; None if somebody else does."""
         ...
 
 
 class Repair:
     """Looks a while after links were lost, on a thread of its own."""
 
-    def __init__(self, sessions: Sessions, vacant: Sequence[tuple[str, ...]]) -> None:
-        """`vacant` are endpoints to take when they are free; none for who has one, or passes."""
+    def __init__(
+        self, sessions: Sessions, told: Collection[str], vacant: Sequence[tuple[str, ...]]
+    ) -> None:
+        """Nothing is lost yet.
+
+        Args:
+            sessions: The mesh.
+            told: Endpoints that Zenoh was told to connect to: it goes on trying by itself.
+            vacant: Those to take when they are free; none for who has one, or passes.
+        """
         self._sessions = sessions
+        self._told = told
         self._vacant = vacant
         self._lock = Lock()  # while it looks
         self._lost: dict[str, tuple[str, int]] = {}
         self._timer: Timer | None = None
         self._over = Event()
-        self._stands_in: Ends | None = None
+        self._stands_in: Beside | None = None
 
     def lost(self, peer: str, endpoint: str) -> None:
         """A link is gone, to `peer` at `endpoint`. On any thread; returns at once."""
-        self._lost[peer] = (endpoint, 0)
+        if endpoint not in self._told:
+            self._lost[peer] = (endpoint, 0)
         self._look_in(1.0)
 
     def close(self) -> None:
@@ -82,7 +95,7 @@ class Repair:
         self._over.set()
         with self._lock:
             if self._stands_in is not None:
-                self._stands_in()
+                self._stands_in.close()
 
     def _look_in(self, times: float) -> None:
         if self._timer is None and not self._over.is_set():
@@ -111,12 +124,14 @@ class Repair:
 
     def _introduce(self, peer: str) -> None:
         for _ in range(INTRODUCTIONS):
-            if peer in self._sessions.met() or self._over.is_set():
+            session = self._sessions.open_beside(None)
+            if session is None:
                 return
-            ends = self._sessions.open_beside(None)
-            if ends is not None:
-                self._meet(peer)
-                ends()
+            self._meet(peer)
+            there = peer in session.met()  # else it hangs, or is cut off
+            session.close()
+            if not there or peer in self._sessions.met() or self._over.is_set():
+                return
 
     def _meet(self, peer: str) -> None:
         step_s = 0.02

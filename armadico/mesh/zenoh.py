@@ -138,7 +138,8 @@ class ZenohMesh(Reader, Monotonic):
             except zenoh.ZError as error:
                 failures.append(f"{', '.join(endpoints)}: {_reason(error)}")
             else:
-                self._repair = Repair(self, well_known if endpoints is last else ())
+                vacant = well_known if endpoints is last else ()
+                self._repair = Repair(self, self._where.connect, vacant)
                 return
         raise MeshError("cannot listen on " + "; ".join(failures))
 
@@ -176,22 +177,14 @@ class ZenohMesh(Reader, Monotonic):
     def met(self) -> set[str]:
         """The ids of the peers that it has a link with; of none when it has left."""
         session = self._session
-        return set() if session is None else {str(peer) for peer in session.info.peers_zid()}
+        return set() if session is None else _met(session)
 
-    def open_beside(self, listen: tuple[str, ...] | None) -> Callable[[], None] | None:
+    def open_beside(self, listen: tuple[str, ...] | None) -> _Beside | None:
         """See `Sessions`."""
         try:
-            session = zenoh.open(self._config(listen or (any_port(self._where.attempts[-1][0]),)))
+            return _Beside(self._config(listen or (any_port(self._where.attempts[-1][0]),)))
         except zenoh.ZError:
             return None
-        released = _direct(lambda _event: release_links())
-        links = session.info.declare_link_events_listener(released, history=True)
-
-        def ends() -> None:
-            links.undeclare()  # type: ignore[no-untyped-call]
-            session.close()  # type: ignore[no-untyped-call]
-
-        return ends
 
     # Talking -------------------------------------------------------------------------------------
 
@@ -322,6 +315,30 @@ class ZenohMesh(Reader, Monotonic):
         for key, value in (SETTINGS | own).items():
             config.insert_json5(key, json.dumps(value))
         return config
+
+
+class _Beside:
+    """See `Beside`."""
+
+    def __init__(self, config: zenoh.Config) -> None:
+        """Raises `zenoh.ZError` if it cannot listen."""
+        self._session = zenoh.open(config)
+        released = _direct(lambda _event: release_links())
+        self._links = self._session.info.declare_link_events_listener(released, history=True)
+
+    def met(self) -> set[str]:
+        return _met(self._session)
+
+    def close(self) -> None:
+        self._links.undeclare()  # type: ignore[no-untyped-call]
+        try:
+            self._session.close()  # type: ignore[no-untyped-call]
+        except zenoh.ZError as error:  # after 10 s, on a machine with too much to do
+            logger.debug("a session beside is left behind: %s", error)
+
+
+def _met(session: zenoh.Session) -> set[str]:
+    return {str(peer) for peer in session.info.peers_zid()}
 
 
 def _session_id(rank: int) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from armadico.mesh.ports import LOOPBACK, free_port
-from armadico.mesh.repair import INTRODUCTIONS, LOOKS, Ends, Repair, listens
+from armadico.mesh.repair import INTRODUCTIONS, LOOKS, Beside, Repair, listens
 from armadico.mesh.zenoh import ZenohMesh
 
 SOON = 10.0  # s; a deadline
@@ -54,25 +54,34 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[float]]
 
 
 class Sessions:
-    """Of whom `peer` is met after so many introductions."""
+    """Of whom `peer` is met after so many introductions; these meet it if it does not hang."""
 
-    def __init__(self, peer: str = "", after: int = 1000) -> None:
+    def __init__(self, peer: str = "", after: int = 1000, *, hangs: bool = False) -> None:
         self.peer = peer
         self.after = after
+        self.hangs = hangs
         self.opened: list[tuple[str, ...] | None] = []
         self.ended = 0
 
     def met(self) -> set[str]:
         return {self.peer} if self.opened.count(None) >= self.after else set()
 
-    def open_beside(self, listen: tuple[str, ...] | None) -> Ends | None:
+    def open_beside(self, listen: tuple[str, ...] | None) -> Beside | None:
         if listen in self.opened and listen is not None:
             return None
         self.opened.append(listen)
-        return self._end
+        return OneBeside(self)
 
-    def _end(self) -> None:
-        self.ended += 1
+
+class OneBeside:
+    def __init__(self, sessions: Sessions) -> None:
+        self.sessions = sessions
+
+    def met(self) -> set[str]:
+        return set() if self.sessions.hangs else {self.sessions.peer}
+
+    def close(self) -> None:
+        self.sessions.ended += 1
 
 
 @pytest.fixture
@@ -86,7 +95,7 @@ Looks = Callable[[], list[float]]
 
 def test_one_that_listens_is_introduced_until_it_is_met(looks: Looks, listener: str) -> None:
     sessions = Sessions("peer", after=2)
-    repair = Repair(sessions, ())
+    repair = Repair(sessions, (), ())
     repair.lost("peer", listener)
     repair.lost("peer", listener)
     assert looks() == [2.0, 4.0], "the second finds that all is well"
@@ -95,11 +104,27 @@ def test_one_that_listens_is_introduced_until_it_is_met(looks: Looks, listener: 
 
 
 def test_one_that_listens_and_is_never_met_is_given_up(looks: Looks, listener: str) -> None:
-    sessions = Sessions()
-    repair = Repair(sessions, ())
+    sessions = Sessions("peer")
+    repair = Repair(sessions, (), ())
     repair.lost("peer", listener)
     assert looks() == [2.0, 4.0, 8.0]
     assert len(sessions.opened) == sessions.ended == LOOKS * INTRODUCTIONS
+
+
+def test_one_that_hangs_is_seen_not_to_be_there(looks: Looks, listener: str) -> None:
+    sessions = Sessions("peer", hangs=True)
+    repair = Repair(sessions, (), ())
+    repair.lost("peer", listener)
+    assert looks() == [2.0, 4.0, 8.0]
+    assert len(sessions.opened) == sessions.ended == LOOKS
+
+
+def test_what_zenoh_was_told_to_connect_to_is_left_to_it(looks: Looks, listener: str) -> None:
+    sessions = Sessions("peer")
+    repair = Repair(sessions, (listener,), ())
+    repair.lost("peer", listener)
+    assert looks() == [2.0]
+    assert sessions.opened == []
 
 
 def test_one_that_has_ended_is_not_looked_for_but_a_place_that_is_free_is_taken(
@@ -108,7 +133,7 @@ def test_one_that_has_ended_is_not_looked_for_but_a_place_that_is_free_is_taken(
     first, second = ("tcp/127.0.0.1:7450",), ("tcp/127.0.0.1:7451",)
     sessions = Sessions()
     sessions.opened = [first]  # by somebody else
-    repair = Repair(sessions, (first, second))
+    repair = Repair(sessions, (), (first, second))
     for _ in range(2):
         repair.lost("peer", f"tcp/{LOOPBACK}:{free_port()}")
         assert looks() == [2.0]
