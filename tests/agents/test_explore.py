@@ -122,14 +122,6 @@ def test_a_way_leads_over_what_is_known_and_round_what_is_not() -> None:
     assert chart.way(HERE, Placed(9.0, 1.0), TRIES) is None
 
 
-def test_the_way_home_keeps_off_what_is_unknown_where_it_can() -> None:
-    chart = Chart(box(hall(), 1.8, 0.0, 2.4, 0.8, UNKNOWN), WIDE)
-    way = chart.way(Placed(1.0, 1.0), Placed(3.2, 1.0), TRIES)
-    assert way is not None
-    beside = [p for a, b in pairwise(way) for p in samples(a, b) if 1.8 < p.x < 2.4]
-    assert min(p.y for p in beside) > 0.8 + SHY_M
-
-
 def test_a_frontier_is_none_once_what_is_beyond_is_known() -> None:
     chart = Chart(hall(), WIDE)
     way = chart.to_frontier(HERE, TRIES)
