@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods.frontiers import Chart, crossed
-from armadico.agents.methods.geometry import Placed
+from armadico.agents.methods.geometry import Placed, direction
 from armadico.agents.methods.grid import Margins
 from armadico.agents.methods.planning import headed, radii
 from armadico.config.grid_map import FREE, Cells, cells_of
@@ -215,7 +215,7 @@ class Explore(Agent):
         pose = self.latest(Pose)
         if pose is not None and self._cells is not None:
             left = [Placed(pose.x, pose.y), *self._way[self._leg + 1 :]]
-            if crossed(self._cells, left) or not chart.knows(left):
+            if crossed(self._cells, left):
                 return False
         home = self._state is ExploreState.RETURNING
         return home or chart.unknown_at(target, self._tries[0])
@@ -230,7 +230,8 @@ class Explore(Agent):
             places = chart.to_frontier(here, self._tries, self._avoided)
             if places is not None:
                 self._places += 1
-                self._drive(places, places[-1].theta)
+                before = places[-2] if len(places) > 1 else here
+                self._drive(places, direction(before, places[-1]))
                 return
             if self._avoided and not self._second_look:
                 self._second_look = True  # what was in the way may have gone, or was never there

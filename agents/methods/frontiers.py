@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import hypot
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.agents.methods.geometry import Placed, direction, distance
+from armadico.agents.methods.geometry import Placed, distance
 from armadico.agents.methods.grid import EVERYWHERE, Field, Grid, Margins, nearest
 from armadico.agents.methods.path_smoothing import between, nearest_free, shorten, turns_of
 from armadico.config.grid_map import OCCUPIED, UNKNOWN, Cells
@@ -27,20 +26,10 @@ CELL_M: Final = 0.1
 FEWEST: Final = 3
 """Unknown cells among the nine around a frontier's: fewer are a seam and no place to look at."""
 
-LOOK_M: Final = 0.4
-"""A frontier is looked at from so near."""
+BESIDE_M: Final = 0.35
+"""A frontier is still there while there is one so near to it."""
 
-BESIDE_M: Final = 0.5
-"""And is still there while there is one so near to the place from which it is looked at."""
-
-SHY_M: Final = 0.3
-"""So near to what is unknown the robot drives only where no other way leads on: there may be the
-end of a wall that nobody has heard yet, and it turns into that with a corner."""
-
-SHY: Final = 5.0
-"""And a metre there costs so much more."""
-
-AROUND_M: Final = 0.5
+AROUND_M: Final = 0.4
 """Nearer than this to a place that was given up no other is chosen."""
 
 Mask = NDArray[np.bool_]
@@ -63,17 +52,13 @@ class Chart(Grid):
         fine[2 * times : 2 * times + rows, 2 * times : 2 * times + columns] = cells.states
         blocks = (fine == UNKNOWN).reshape(shape[0], times, shape[1], times)
         self.known: Mask = 2 * blocks.sum(axis=(1, 3)) < times * times
-        self._beside = ~self.known
-        for _ in range(round(SHY_M / cell_m)):
-            self._beside = _grown(self._beside)
         low, high = np.array(within[:2]), np.array(within[2:])
         self._within: Mask = ((self.ys >= low[1]) & (self.ys <= high[1]))[:, None] & (
             (self.xs >= low[0]) & (self.xs <= high[0])
         )
 
     def _price(self, margins: Margins, part: tuple[slice, slice] = EVERYWHERE) -> Field:
-        price = super()._price(margins, part) + SHY * self._beside[part]
-        return np.where(self.known[part], price, np.inf)
+        return np.where(self.known[part], super()._price(margins, part), np.inf)
 
     def frontiers(self, margins: Margins, avoided: Sequence[Placed] = ()) -> Mask:
         """The cells that border on what is unknown and could be driven over, but for some."""
@@ -92,40 +77,23 @@ class Chart(Grid):
     def to_frontier(
         self, here: Placed, tries: Sequence[Margins], avoided: Sequence[Placed] = ()
     ) -> list[Placed] | None:
-        """The cheapest way to where a frontier is looked at from, both ends included.
+        """The cheapest way to a frontier, both ends included, by the first margins that have one.
 
-        By the first margins that have one; off what is unknown, or else up to it. At the frontier
-        itself there is as much room as the first of them want. The last place has the heading from
-        which it is looked at. Where there is none, everything that can be reached is known: None.
+        At the frontier itself there is as much room as the first of them want. Where there is none,
+        everything that can be reached is known: None.
         """
-        frontiers = self.frontiers(tries[0], avoided)
-        if not frontiers.any():
-            return None
-        looks = _within(frontiers, round(LOOK_M / self.cell_m))
-        for goals, closed in ((looks, self._beside), (frontiers, ~self.known)):
-            for margins in tries:
-                costs = np.where(closed, np.inf, self.costs(margins))
-                free = nearest_free(self, margins, costs, here)
-                if free is None:
-                    continue
-                found = nearest(costs, self.cell(free), goals)
-                if found is None:
-                    continue
+        goals = self.frontiers(tries[0], avoided)
+        for margins in tries:
+            costs = self.costs(margins)
+            free = nearest_free(self, margins, costs, here)
+            if free is None:
+                continue
+            found = nearest(costs, self.cell(free), goals)
+            if found is not None:
                 turns = [self.centre(cell) for cell in turns_of([*found[0]])[1:]]
                 places = shorten(self, margins, costs, [free, *turns])
-                places = places if free == here else [here, *places]
-                before = places[-2] if len(places) > 1 else here
-                return [*places[:-1], self._looking(before, places[-1], frontiers)]
+                return places if free == here else [here, *places]
         return None
-
-    def _looking(self, before: Placed, place: Placed, frontiers: Mask) -> Placed:
-        """A place with the heading to the nearest frontier, or, on it, with that of the way."""
-        rows, columns = np.nonzero(frontiers)
-        away = np.hypot(self.xs[columns] - place.x, self.ys[rows] - place.y)
-        first = int(away.argmin())
-        at = self.centre((int(rows[first]), int(columns[first])))
-        origin = before if away[first] < self.cell_m else place
-        return place._replace(theta=direction(origin, at))
 
     def way(self, here: Placed, there: Placed, tries: Sequence[Margins]) -> list[Placed] | None:
         """The way over what is known, both ends included; None if there is none."""
@@ -135,37 +103,10 @@ class Chart(Grid):
                 return found
         return None
 
-    def knows(self, places: Sequence[Placed]) -> bool:
-        """Whether a way leads over what is known."""
-        open_ = np.where(self.known, 1.0, np.inf)
-        return all(np.isfinite(self.cost_between(open_, a, b)) for a, b in pairwise(places))
-
     def unknown_at(self, place: Placed, margins: Margins) -> bool:
         """Whether there is a frontier still, there or beside it."""
         near = np.hypot(self.xs[None, :] - place.x, self.ys[:, None] - place.y) < BESIDE_M
         return bool((self.frontiers(margins) & near).any())
-
-
-def _grown(mask: Mask) -> Mask:
-    """A mask and the cells beside its own."""
-    grown = mask.copy()
-    grown[1:] |= mask[:-1]
-    grown[:-1] |= mask[1:]
-    grown[:, 1:] |= mask[:, :-1]
-    grown[:, :-1] |= mask[:, 1:]
-    return grown
-
-
-def _within(mask: Mask, far: int) -> Mask:
-    """A mask and the cells so near to its own, in cells."""
-    rows, columns = np.nonzero(mask)
-    grown, steps = mask.copy(), range(-far, far + 1)
-    for down in steps:
-        for right in steps:
-            if hypot(down, right) <= far:
-                row = np.clip(rows + down, 0, mask.shape[0] - 1)
-                grown[row, np.clip(columns + right, 0, mask.shape[1] - 1)] = True
-    return grown
 
 
 def crossed(cells: Cells, places: Sequence[Placed]) -> bool:

@@ -11,16 +11,12 @@ keep what that leaves open from spoiling the map:
 - What is behind a cell that is believed occupied is not cleared: a wall at a glancing angle does
   not answer, and what is behind it did.
 - No echo may mean that the sound was thrown away, so it clears only what is near, and little.
-
-And one of what is free: a wall that is looked at along itself does not answer, so where a row of
-occupied cells would go on, a cell is free only if a ping looked through it squarely to that row. A
-door's second post is no less there for having been heard by nobody: until then it is unknown.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, floor, pi, radians
+from math import ceil, floor
 from typing import Any, Final
 
 import numpy as np
@@ -29,7 +25,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Posed
-from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, UNKNOWN, Cells
+from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, Cells
 from armadico.core.geometry import compose, to_world
 from armadico.core.messages import Echo, Scan
 from armadico.core.scans import bearings_of, ranges_of
@@ -39,19 +35,6 @@ BINS: Final = 15
 
 GROW_M: Final = 4.0
 """The grid grows by so much more than it must."""
-
-SIDES: Final = 16
-"""From so many directions a cell is looked at; from the opposite one it is the same."""
-
-ALL_SIDES: Final = (1 << SIDES) - 1
-LENGTH_M: Final = 0.1
-"""A row is at least so long: the deviation of its cells along it."""
-
-SURE: Final = 0.25
-"""A ping looks through what is so near to its axis: 1 is on it, 0 the edge of the cone."""
-
-WIDTH: Final = 0.15
-"""And so much less wide, in shares of the variance."""
 
 
 class Settings(Struct, frozen=True):
@@ -68,9 +51,6 @@ class Settings(Struct, frozen=True):
     free: float = 0.85  # from here on: a probability of 0.3
     occupied: float = 1.2  # from here on: 0.77
     far: float = 0.3  # share of the evidence that is left at the reach
-    row_m: float = 0.5  # what is occupied so near each way says where a wall leads,
-    onward_m: float = 1.5  # and it may go on so far, over a door,
-    square: float = radians(40.0)  # but where a ping looked through so nearly along its normal
     size_m: float = 200.0  # of the grid, at the most, each way
     seen_m: float = 8.0  # a laser's rays count so far: farther out gaps are wider than cells,
     unseen_m: float = 3.0  # and one that found nothing this far: it may have met what is dark
@@ -88,7 +68,6 @@ class Mapper:
         self._row = self._column = 0  # of the corner, in cells from where their lines begin
         self._lines = (0.0, 0.0)  # m; a map that is gone on with may have cells beside our own
         self._odds: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
-        self._looks: NDArray[np.uint16] = np.zeros((0, 0), dtype=np.uint16)  # a bit a side
 
     def resume(self, cells: Cells) -> None:
         """Go on from a map, in its cells; what it knows is known, and may be unlearnt."""
@@ -99,7 +78,6 @@ class Mapper:
         odds[cells.states == FREE] = -2.0 * self.p.free
         odds[cells.states == OCCUPIED] = 2.0 * self.p.occupied
         self._odds = odds
-        self._looks = np.where(odds < 0.0, ALL_SIDES, 0).astype(np.uint16)
 
     def take(self, pose: Posed, echo: Echo) -> None:
         """Take one ping of a robot at a pose in the world."""
@@ -115,10 +93,9 @@ class Mapper:
         window = self._window(xs.min(), ys.min(), xs.max(), ys.max())
         if window is None:
             return
-        odds, looks, dx, dy = window[0], window[1], window[2] - x, window[3] - y
+        odds, dx, dy = window[0], window[1] - x, window[2] - y
         away = np.hypot(dx, dy)
-        look = np.arctan2(dy, dx)
-        off = look - bearing
+        off = np.arctan2(dy, dx) - bearing
         off = (off + np.pi) % (2.0 * np.pi) - np.pi
         cone = (np.abs(off) <= half) & (away <= span)
         fading = 1.0 - (1.0 - p.far) * away / p.reach_m
@@ -132,8 +109,6 @@ class Mapper:
             np.minimum.at(nearest, slices[solid], away[solid])
             before &= away <= nearest[slices] + thick
         odds[before] -= ((p.silence if silent else p.miss) * fading * centred)[before]
-        through = before & (centred > SURE)
-        looks[through] |= np.left_shift(1, _side(look[through])).astype(np.uint16)
         arc = cone & (np.abs(away - heard) <= thick)
         if not silent and arc.any():
             belief = np.exp(odds[arc]) * np.exp(-4.0 * (off[arc] / half) ** 2)
@@ -148,12 +123,11 @@ class Mapper:
         window = self._window(low[0], low[1], high[0], high[1])
         if window is None:
             return
-        odds, looks, xs, ys = window
+        odds, xs, ys = window
         inside = np.ones(odds.shape, dtype=np.bool_)
         for (x1, y1), (x2, y2) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             inside &= (x2 - x1) * (ys - y1) - (y2 - y1) * (xs - x1) >= 0.0
         odds[inside] = -self.p.most
-        looks[inside] = ALL_SIDES
 
     def see(self, pose: Posed, scan: Scan) -> None:
         """Take a laser's scan of a robot at a pose in the world.
@@ -177,7 +151,7 @@ class Mapper:
         )
         if window is None:
             return
-        odds, looked, xs, ys = window
+        odds, xs, ys = window
         west, south, across = float(xs[0, 0]), float(ys[0, 0]), odds.shape[1]
 
         def at(some_x: NDArray[Any], some_y: NDArray[Any]) -> NDArray[np.intp]:
@@ -197,7 +171,6 @@ class Mapper:
         through &= ~there
         odds += (p.seen * there - p.through * through).reshape(odds.shape).astype(np.float32)
         np.clip(odds, -p.most, p.most, out=odds)
-        looked[through.reshape(odds.shape)] = ALL_SIDES  # light comes back at any slant
 
     def cells(self) -> Cells:
         """What is known, cropped to it."""
@@ -207,46 +180,15 @@ class Mapper:
         if not len(rows):
             return NOTHING
         top, left = int(rows[0]), int(columns[0])
-        within = slice(top, rows[-1] + 1), slice(left, columns[-1] + 1)
-        part = states[within].astype(np.uint8)
-        part[(part == FREE) & self._may_go_on(part == OCCUPIED, self._looks[within])] = UNKNOWN
+        part = states[top : rows[-1] + 1, left : columns[-1] + 1].astype(np.uint8)
         x, y = self._lines
         corner = x + (self._column + left) * p.cell_m, y + (self._row + top) * p.cell_m
         return Cells(*corner, p.cell_m, part)
 
-    def _may_go_on(
-        self, occupied: NDArray[np.bool_], looks: NDArray[np.uint16]
-    ) -> NDArray[np.bool_]:
-        """Where walls may go on from where they were heard last: nobody looked there squarely."""
-        p, found = self.p, np.zeros(occupied.shape, dtype=np.bool_)
-        rows, columns, leads = _rows(occupied, round(p.row_m / p.cell_m), LENGTH_M / p.cell_m)
-        if not len(rows):
-            return found
-        off = (np.arange(SIDES) + 0.5) * (pi / SIDES) - (leads[:, None] + pi / 2.0)
-        off = np.abs((off + pi / 2.0) % pi - pi / 2.0)
-        square = ((off <= p.square) << np.arange(SIDES)).sum(axis=1)
-        step = np.arange(1, round(p.onward_m / p.cell_m) + 1)[None, :, None]
-        aside = np.array([-1.0, 0.0, 1.0])  # a cell more to both sides: it leaves no gaps
-        height, width = occupied.shape
-        for way in (leads, leads + pi):
-            ahead, left = np.cos(way)[:, None, None], np.sin(way)[:, None, None]
-            row = np.rint(rows[:, None, None] + step * left + aside * ahead).astype(np.intp)
-            column = np.rint(columns[:, None, None] + step * ahead - aside * left).astype(np.intp)
-            off_map = (row < 0) | (row >= height) | (column < 0) | (column >= width)
-            row, column = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
-            ends = (off_map | occupied[row, column]).any(axis=2)
-            on = ~np.logical_or.accumulate(ends, axis=1)[:, :, None]
-            unseen = on & (looks[row, column] & square[:, None, None] == 0)
-            found[row[unseen], column[unseen]] = True
-        return found
-
     def _window(
         self, x1: float, y1: float, x2: float, y2: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[Any], NDArray[Any]] | None:
-        """The cells of a rectangle, whence they were looked at, and their middles.
-
-        None if they would be too many.
-        """
+    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any]] | None:
+        """The cells of a rectangle, and their middles; None if they would be too many."""
         size, (x, y) = self.p.cell_m, self._lines
         left, low = floor((x1 - x) / size), floor((y1 - y) / size)
         right, high = ceil((x2 - x) / size), ceil((y2 - y) / size)
@@ -256,7 +198,7 @@ class Mapper:
         columns = slice(left - self._column, right - self._column)
         xs = x + (np.arange(left, right) + 0.5) * size
         ys = y + (np.arange(low, high) + 0.5) * size
-        return self._odds[rows, columns], self._looks[rows, columns], xs[None, :], ys[:, None]
+        return self._odds[rows, columns], xs[None, :], ys[:, None]
 
     def _cover(self, low: int, left: int, high: int, right: int) -> bool:
         """Grow until a rectangle of cells is within; whether it is."""
@@ -277,53 +219,6 @@ class Mapper:
         if rows + below + above > most or columns + before + after > most:
             return False
         self._odds = np.pad(self._odds, ((below, above), (before, after)))
-        self._looks = np.pad(self._looks, ((below, above), (before, after)))
         self._row -= below
         self._column -= before
         return True
-
-
-def _side(look: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Which of the `SIDES` a direction is, rad."""
-    side: NDArray[np.intp] = np.floor(look % pi * (SIDES / pi)).astype(np.intp) % SIDES
-    return side
-
-
-def _rows(
-    occupied: NDArray[np.bool_], half: int, least: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """The occupied cells that lie in a row with those around, and where that leads.
-
-    Args:
-        occupied: Cells, rows along y.
-        half: So many cells around count, each way.
-        least: So long a row is, cells: their deviation along it.
-
-    Returns:
-        Rows, columns, and the direction of the row, rad, to either side.
-    """
-    rows, columns = np.nonzero(occupied)
-    height, width = occupied.shape
-    low, high = np.maximum(rows - half, 0), np.minimum(rows + half + 1, height)
-    left, right = np.maximum(columns - half, 0), np.minimum(columns + half + 1, width)
-
-    def around(values: NDArray[Any]) -> NDArray[np.float64]:
-        sums = np.zeros((height + 1, width + 1))
-        np.cumsum(values.cumsum(axis=0), axis=1, out=sums[1:, 1:])
-        found: NDArray[np.float64] = (
-            sums[high, right] - sums[low, right] - sums[high, left] + sums[low, left]
-        )
-        return found
-
-    y, x = np.arange(height)[:, None], np.arange(width)[None, :]
-    there = occupied.astype(np.float64)
-    count = around(there)
-    mean_x, mean_y = around(there * x) / count, around(there * y) / count
-    xx = around(there * x * x) / count - mean_x**2
-    yy = around(there * y * y) / count - mean_y**2
-    xy = around(there * x * y) / count - mean_x * mean_y
-    apart = np.hypot(xx - yy, 2.0 * xy)
-    along, across = 0.5 * (xx + yy + apart), 0.5 * (xx + yy - apart)
-    row = (along >= least**2) & (across <= WIDTH * along)
-    leads: NDArray[np.float64] = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    return rows[row], columns[row], leads[row]

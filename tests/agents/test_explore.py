@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from armadico.agents.explore import Explore, Parameters
-from armadico.agents.methods.frontiers import LOOK_M, SHY_M, Chart, crossed
+from armadico.agents.methods.frontiers import Chart, crossed
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Margins
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
@@ -43,10 +41,6 @@ def hall(length: float = 4.0, *, end: int = UNKNOWN) -> Cells:
     return Cells(-0.1, -0.1, 0.05, states)
 
 
-def samples(a: Placed, b: Placed) -> list[Placed]:
-    return [Placed(a.x + (b.x - a.x) * k / 20, a.y + (b.y - a.y) * k / 20) for k in range(21)]
-
-
 def box(cells: Cells, x1: float, y1: float, x2: float, y2: float, state: int) -> Cells:
     states = cells.states.copy()
     rows = slice(round((y1 - cells.y) / 0.05), round((y2 - cells.y) / 0.05))
@@ -62,32 +56,8 @@ def test_the_way_leads_to_where_what_is_known_ends() -> None:
     way = Chart(hall(), WIDE).to_frontier(HERE, TRIES)
     assert way is not None
     assert way[0] == HERE
-    assert way[-1].x == pytest.approx(3.95 - LOOK_M, abs=0.1)
+    assert way[-1].x == pytest.approx(3.95, abs=0.15)
     assert 0.3 <= way[-1].y <= 1.7
-    assert way[-1].theta == pytest.approx(0.0, abs=0.3), "it looks there"
-
-
-def test_it_keeps_off_what_is_unknown_but_where_no_other_way_leads_on() -> None:
-    """The end of a wall that nobody has heard may be there."""
-    box_x, box_y = (1.8, 2.4), (0.0, 0.9)
-    way = Chart(box(hall(), box_x[0], box_y[0], box_x[1], box_y[1], UNKNOWN), WIDE).to_frontier(
-        Placed(1.0, 1.3), TRIES, [Placed(x, y) for x in (1.7, 2.1, 2.5) for y in (0.3, 0.6, 1.0)]
-    )
-    assert way is not None
-    assert way[-1].x > 3.0
-    beside = [p for a, b in pairwise(way) for p in samples(a, b) if box_x[0] < p.x < box_x[1]]
-    assert min(p.y for p in beside) > box_y[1] + SHY_M
-
-    tight = box(box(hall(12.0), 10.5, 0.0, 10.9, 0.7, UNKNOWN), 10.5, 1.3, 10.9, 2.0, UNKNOWN)
-    here = Placed(10.0, 1.0)
-    around = [Placed(x, y) for x in (10.4, 10.7, 11.0) for y in (0.2, 0.6, 1.0, 1.4, 1.8)]
-    elsewhere = Chart(box(tight, 0.0, 0.0, 0.8, 2.0, UNKNOWN), WIDE)
-    far = elsewhere.to_frontier(here, TRIES, around)
-    through = Chart(tight, WIDE).to_frontier(here, TRIES, around)
-    assert far is not None
-    assert through is not None
-    assert far[-1].x < 1.5
-    assert through[-1].x > 11.0
 
 
 def test_a_room_that_is_closed_has_no_frontier() -> None:
@@ -105,7 +75,7 @@ def test_the_nearest_frontier_comes_first_and_one_that_was_given_up_last() -> No
     cells = box(hall(), 2.0, 1.0, 2.5, 1.5, UNKNOWN)
     first = Chart(cells, WIDE).to_frontier(HERE, TRIES)
     assert first is not None
-    assert first[-1].x == pytest.approx(1.95 - LOOK_M, abs=0.15)
+    assert first[-1].x == pytest.approx(1.95, abs=0.15)
     around = [Placed(2.25, 1.25), first[-1]]
     around += [Placed(x, y) for x in (1.9, 2.25, 2.6) for y in (0.9, 1.25, 1.6)]
     second = Chart(cells, WIDE).to_frontier(HERE, TRIES, around)
@@ -136,12 +106,6 @@ def test_a_way_is_crossed_by_what_was_seen_on_it() -> None:
     assert not crossed(hall(), way)
     assert crossed(box(hall(), 2.0, 0.9, 2.05, 1.1, OCCUPIED), way)
     assert not crossed(hall(), [])
-
-
-def test_a_way_that_leads_over_what_is_unknown_by_now_is_known() -> None:
-    way = [HERE, Placed(3.0, 1.0)]
-    assert Chart(hall(), WIDE).knows(way)
-    assert not Chart(box(hall(), 2.0, 0.0, 2.15, 2.0, UNKNOWN), WIDE).knows(way)
 
 
 # The agent ----------------------------------------------------------------------------------------
@@ -234,21 +198,11 @@ def test_it_sends_the_robot_to_a_frontier_and_on_once_that_is_known() -> None:
     desk.map(hall())
     (first,) = desk.asked
     assert not first.planned
-    assert first.goal.x == pytest.approx(3.95 - LOOK_M, abs=0.1)
+    assert first.goal.x == pytest.approx(3.95, abs=0.15)
     desk.map(hall())
     assert len(desk.asked) == 1
     desk.map(hall(6.0))
-    assert desk.asked[-1].goal.x == pytest.approx(5.95 - LOOK_M, abs=0.1)
-
-
-def test_it_goes_another_way_once_its_own_leads_over_what_is_unknown() -> None:
-    """A wall may go on there: that is known once more of it has been heard."""
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
-    desk.map(box(hall(), 2.0, 0.0, 2.15, 2.0, UNKNOWN))
-    assert len(desk.asked) == 2
-    assert desk.asked[-1].goal.x < 2.0
+    assert desk.asked[-1].goal.x == pytest.approx(5.95, abs=0.15)
 
 
 def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:

@@ -102,28 +102,6 @@ def test_what_has_gone_is_forgotten_after_seeing_through_it() -> None:
     assert mapper.cells().at(0.6, 0.0) == FREE
 
 
-@pytest.mark.parametrize("turned", [0.0, 0.6])
-def test_where_a_wall_may_go_on_only_a_square_look_says_that_it_does_not(turned: float) -> None:
-    """The second post of a door, met at a slant, answers nobody."""
-
-    def at(x: float, y: float) -> Placed:
-        return Placed(x * cos(turned) - y * sin(turned), x * sin(turned) + y * cos(turned), turned)
-
-    mapper = Mapper(HALF)
-    for step in range(13):  # along a wall at y = 0.5, from x = -1.2 to 0
-        ping(mapper, (pi / 2.0, 0.5), at=at(-0.1 * step, 0.0), times=6)
-    slant = radians(20.0)
-    for x in (-0.3, -0.1, 0.1):  # past its end, along itself
-        ping(mapper, (slant, 3.0), at=at(x, 0.2), times=12)
-    post, off, wall = at(0.8, 0.5), at(0.8, 0.7), at(-0.6, 0.5)
-    before = mapper.cells()
-    assert before.at(wall.x, wall.y) == OCCUPIED
-    assert before.at(post.x, post.y) == UNKNOWN
-    assert before.at(off.x, off.y) == FREE, "off the line a look is a look"
-    ping(mapper, (pi / 2.0, 1.4), at=at(0.8, 0.0), times=6)
-    assert mapper.cells().at(post.x, post.y) == FREE
-
-
 def test_where_the_robot_stands_is_free_whatever_was_heard() -> None:
     mapper = mapped((0.0, 0.6))
     mapper.stand(Placed(0.6, 0.0, 1.0), ((0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)))
