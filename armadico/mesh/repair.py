@@ -7,7 +7,7 @@ but whoever loses them then knows nobody's address. So one of them takes an endp
 *One link is gone.* Zenoh renews links to the endpoints that it was told, not those that gossip led
 to: it waits for news of the other one, which come when that one links to a seed again. Whoever hung
 for about the lease has linked to the seeds again before it loses the last of its other links, and
-no news come any more (measured: after hangs of 0.9 s, one in 40). News are made by a session that
+no news come any more (measured: after hangs of 0.9 s, one in 18). News are made by a session that
 joins for a moment: whoever links to it is gossiped to those that have done so already. The one that
 has to connect must be among these, which is a matter of luck; so it is done again until it works.
 """
