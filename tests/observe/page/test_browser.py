@@ -97,7 +97,7 @@ def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> Non
     page.until("document.querySelector('#said .no')?.innerText.includes('wall')")
     stage.watched = 0.1
     page.drag(at(page, 7.4, 1.5))
-    page.until(f"{PARTS}.motion.v > 0.1")
+    page.until(f"{PARTS}.motion.v > 0.25")
     commands: list[tuple[int, tuple[float, ...]]] = []
     stage.did(lambda: stage.mesh.watch(lambda _, c, t: commands.append((t, c)), m.Command))
     page.key(" ", "Space")
