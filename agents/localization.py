@@ -6,24 +6,18 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
-from math import hypot, radians
+from math import radians
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, Struct
 from msgspec.structs import replace
 
+from armadico.agents.methods import monte_carlo
+from armadico.agents.methods.global_search import Model, Search, apart
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
-from armadico.agents.methods.monte_carlo import (
-    LASER,
-    Elsewhere,
-    Estimate,
-    Model,
-    MonteCarlo,
-    Settings,
-    apart,
-)
+from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
@@ -53,33 +47,55 @@ Odds = Annotated[float, Meta(ge=0, le=1000)]
 
 
 LARGE = 250_000
-"""Cells from which on what is made of a map is kept: a fifth of a second's work and more."""
+"""Cells from which on what is derived from a map is kept: a fifth of a second's work and more."""
 
 STOOD: Pose2 = (0.0, 0.0, 0.0)
 
 UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
-"""Standard deviations of what rolled while nobody counted: two seconds until the controller's
+"""Standard deviations of what rolled while no process counted: two seconds until the controller's
 watchdog, and braking, at half the top speed, or turning."""
 
-HEARD, SEEN = (5, 0.28), (3, 0.6)
-"""New readings after which a lost robot is looked for, and how well they have to fit where it is
-found: by sonars, of which many hear what is on no map, and by a laser."""
-
 UNDOUBTED = 2
-"""Newest readings that may be of another place though nobody has doubted yet."""
+"""Newest readings that may be of another place though there is no doubt yet."""
 
-STANDS_S = 3.0
-"""Who has doubted for so long without having come far is looked for by the little that is new."""
+AGAIN_S = 3.0
+"""A doubt is searched for again after so long by whatever is new: a slow robot has few readings."""
 
 PARTICLES_S = 0.5
-"""From one publication of particles to the next: for those who watch."""
+"""From one publication of particles to the next, for displays."""
+
+MISFIT_S = 20.0
+"""Readings that fit badly for so long are reported: the map may be of another place, or old."""
+
+
+class Confirmation(Struct, frozen=True):
+    """What it takes to give up a pose, and to accept one on the whole map, by a sensor.
+
+    One verdict is not enough: what is on no map fits another place by chance. Sonars are ambiguous,
+    so that the best other place changes from one search to the next; by a laser it stays.
+    """
+
+    verdicts: int  # searches in a row that have to agree that the robot is elsewhere,
+    same_place: bool  # at one place, or at any;
+    odds: float  # with such odds, a natural logarithm,
+    most: int  # with so many times these odds a search counts for as many, at the most
+    fit: float  # where the readings fit so well in absolute terms, by their geometric mean
+    looks_after: int  # new readings after which a lost robot is searched for,
+    found_fit: float  # and how well they have to fit where it is found
+
+
+SONARS = Confirmation(
+    3, same_place=False, odds=7.5, most=3, fit=0.42, looks_after=5, found_fit=0.28
+)
+LASER = Confirmation(5, same_place=True, odds=1.5, most=1, fit=0.7, looks_after=3, found_fit=0.6)
+"""Chosen on six logs of real robots (lasers) and on simulated kidnappings (sonars)."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The map, the robot, and what is believed at the start.
 
     `start` "pose" begins about the pose that the encoder agent publishes, "anywhere" with no idea.
-    What is none is as is good for the sensor.
+    A value of none means the sensor's own default.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
@@ -87,35 +103,37 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start: Literal["pose", "anywhere"] = "pose"
     start_m: Metres = 0.15  # standard deviation about that pose
     start_rad: Angle = radians(6.0)
-    lost: Share = 0.15  # with less than this of the weight in one place it is lost,
+    lost: Share = 0.15  # with less than this of the weight in one place the robot is lost,
     lost_m: Metres = 0.5  # or in one so wide,
     lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for so long
-    fits: Share = 0.5  # while the newest pings fit so well nobody looks whether it is elsewhere,
-    doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # else after so many more readings:
+    fits: Share = 0.5  # while the newest readings fit so well there is no search,
+    doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # else one after so many more readings,
     stays: Odds = 3.0  # until all other places have such odds against them;
-    fits_better: Annotated[float, Meta(ge=1, le=100)] = 1.5  # or one fits so many times better
-    doubts: Odds = 1.5  # with such odds for it: then it is
-    doubt_m: Metres = 0.35  # no surer than this;
-    carried: Odds = 7.5  # and lost with such odds,
-    doubt_s: Annotated[float, Meta(gt=0, le=60)] = 8.0  # or if it has doubted for so long
-    stands_m: Metres = 0.5  # and not come so far meanwhile
-    looks_after: Annotated[int, Meta(ge=1, le=100)] | None = None  # new readings, on all the map
-    found: Share = 0.95  # and found with this much in one of all the places that fit,
-    found_fit: Share | None = None  # where the readings fit so well, by their geometric mean,
-    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # so often in a row;
-    proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # sure of it, once it has so often been
-    unproved_m: Metres = 0.4  # the best one since: until then nobody drives fast by it
+    fits_better: Annotated[float, Meta(ge=1, le=100)] = (
+        1.5  # a place that fits so many times better
+    )
+    doubts: Odds = 1.5  # with such odds raises doubt, and the robot slows down:
+    doubt_m: Metres = 0.35  # its pose is no surer than this
+    confirm: Confirmation | None = None  # what makes it lost, and found
+    found: Share = 0.95  # found with this much of the weight in one of all the places that fit,
+    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in so many searches in a row;
+    proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # and sure of it after so many more,
+    unproved_m: Metres = 0.4  # until when its pose is no surer than this
     filter: Settings | None = None
 
 
 class Localization(Agent):
-    """Moves its particles with the odometry, weighs them by what is heard or seen, and says where.
+    """Estimates the pose on a known map with a particle filter, by laser or sonars.
 
-    By the laser, if the robot has one, else by the sonars: what a laser sees is sure, and narrow.
+    A robot that has a laser uses it alone: its rays are precise, sonars are not.
 
-    It works on the odometry as the controller counts it, so what it publishes does not come back to
-    it by the pose: a correction is where the odometry's origin lies in the world, as tf's
-    transform from map to odom. The encoder agent composes it.
+    The particles move with the odometry as the controller counts it, so what this agent publishes
+    does not come back to it by the pose: a correction is where the odometry's origin lies in the
+    world, as tf's transform from map to odom. The encoder agent composes it.
+
+    Doubt slows the robot down; only confirmation makes it lost. Readings that fit badly may be of
+    furniture or people, which fit no place on the map. Where another place explains them better, a
+    search of the whole map has to say so several times in a row, with new readings each time.
     """
 
     name = "localization"
@@ -137,39 +155,46 @@ class Localization(Agent):
         self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
         self._sees = profile.laser is not None
+        self._confirm = self.p.confirm or (LASER if self._sees else SONARS)
         self._filter = MonteCarlo(
             model_of(grid, profile),
             inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
-            self.p.filter or (LASER if self._sees else Settings()),
+            self.p.filter or (monte_carlo.LASER if self._sees else Settings()),
+            profile.wheels,
             lambda x, y: grid.clearances(x, y) > profile.body.width_m / 2 - 2 * CELL_M,
         )
         self._ping_s = 0.0 if self._sees else profile.ring.period_s
         self._scan: int | None = None  # the last one's number
-        by_sensor = SEEN if self._sees else HEARD
-        self._looks_after = self.p.looks_after or by_sensor[0]
-        self._found_fit = by_sensor[1] if self.p.found_fit is None else self.p.found_fit
         self._odometry: Pose2 | None = None
         self._motion: Pose2 = STOOD  # in the last cycle
         self._epoch: int | None = None
         self._begun = False
         self._lost = self.p.start == "anywhere"
+        self._spread = False  # lost since the particles spread: they may converge again
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._since: float | None = None  # when it began to seem lost
-        self._doubted: tuple[float, Pose2] | None = None  # since when it may be elsewhere, where
-        self._looked_at = 0.0  # when that was last looked for,
-        self._looked = 0  # with so many readings
-        self._sure = 0  # so often in a row one place has been much better than all others,
+        self._search: Search | None = None  # under way,
+        self._last: Search | None = None  # and the one before it, of a lost robot
+        self._searched = 0  # news when the last search began,
+        self._searched_at = 0.0  # and when that was
+        self._doubted = False  # another place explains the news better
+        self._verdicts = 0  # searches in a row that speak for another place,
+        self._elsewhere: Pose2 = STOOD  # this one
+        self._sure = 0  # searches in a row in which one place was much better than all others,
         self._best: Pose2 = STOOD  # this one,
-        self._unproved = 0  # and so often it has to be that yet
+        self._unproved = 0  # and searches that have to confirm it yet
+        self._fitted_at = 0.0  # when the readings last fitted,
+        self._misfit = False  # and whether that is long ago
         self._shown_at = float("-inf")
         self._shown: tuple[int, Particles] | None = None  # of which change of the particles
 
     def on_pose(self, pose: Pose) -> None:
-        """Where to begin."""
+        """Begin about the first pose."""
         if self._begun or not self._useful or self._odometry is None:
             return
         self._begun = True
+        self._fitted_at = self.now
         self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
@@ -177,15 +202,15 @@ class Localization(Agent):
             here = np.array([[pose.x, pose.y]])
             if not self._lost and not self._places.inhabited(here).all():
                 self._filter.may_be_at(self._free)  # names tell nothing of where this one drives
-            off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
+            off = max(self.p.start_m, pose.deviation)  # of a pose that was not corrected lately
             turned = max(self.p.start_rad, pose.heading_deviation)
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles.
 
-        The controller counts while there is no robot agent. If it has begun anew, nobody knows what
-        the robot rolled meanwhile.
+        The controller counts on while the robot agent is down. If it has begun anew, what the robot
+        rolled meanwhile is not known.
         """
         odometry, before = (state.x, state.y, state.theta), self._odometry
         another = state.cycle.epoch != self._epoch
@@ -195,20 +220,25 @@ class Localization(Agent):
             return
         if another and begun_anew(before, odometry):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
+            self._search, self._last, self._searched = None, None, 0
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
+        for search in (self._search, self._last):
+            if search is not None:
+                search.move(motion)
         self._at = None if self._at is None else compose(self._at, motion)
         self._best = compose(self._best, motion)
+        self._elsewhere = compose(self._elsewhere, motion)
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Weigh the particles by what was heard."""
+        """Weigh the particles by echoes."""
         if not self._sees:
             ago = self._ping_s / self.cycles.period
             self._weigh(sonar.cycle, lambda: as_fired(sonar.echoes, self._motion, ago))
 
     def on_scan(self, scan: Scan) -> None:
-        """Weigh the particles by what was seen; a scan that is said again tells nothing new."""
+        """Weigh the particles by a scan; one that is repeated tells nothing new."""
         if not self._sees:
             return
         again, self._scan = scan.number == self._scan, scan.number
@@ -224,19 +254,19 @@ class Localization(Agent):
             return
         if self._filter.due:
             self._filter.weigh(readings())
-        if (self._lost or self._unproved) and self._filter.news >= self._looks_after:
-            self._look()
-        # While it knows where it is it stays with that place: another one that fits as well, the
-        # room next door, is no reason to leave it before it no longer fits.
+        # While it is localized it stays with that place: another one that fits as well, the room
+        # next door, is no reason to leave it before it no longer fits.
+        self._seek()
         found = self._filter.estimate(None if self._lost else self._at)
         self._judge(found)
-        self._filter.lost = self._lost
+        self._filter.lost = self._lost and not self._spread
+        self._watch_fit(found.fit)
         c = found.covariance
-        if self._lost:  # who fits nowhere is nowhere: at least a metre off
+        if self._lost:  # at least a metre off: no place fits
             c = np.maximum(self._filter.scatter(), np.eye(3))
         elif self._unproved:
             c = c + np.diag([0.5 * self.p.unproved_m**2] * 2 + [0.0])
-        elif self._doubted is not None and found.deviation_m < self.p.doubt_m:
+        elif (self._doubted or self._misfit) and found.deviation_m < self.p.doubt_m:
             c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
         self.publish(
             Correction(
@@ -244,7 +274,7 @@ class Localization(Agent):
                 *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if self._lost else min(1.0, found.share),
-                elsewhere=self._doubted is not None,
+                elsewhere=self._doubted,
             )
         )
         if self.now - self._shown_at >= PARTICLES_S:
@@ -262,91 +292,139 @@ class Localization(Agent):
         self.publish(said)
 
     def _judge(self, found: Estimate) -> None:
-        """Whether it is lost: if it seems so for a while, and found once it has been sure.
+        """Decide by the particles alone whether the robot is lost: they spread, or leap.
 
-        An estimate that leaps is of another place: the robot is lost until it is found there.
+        Where little that the sensors see is on the map the particles spread as the odometry does,
+        and converge again where the map goes on. An estimate that leaps is of another place.
         """
-        p, x, y = self.p, found.pose[0], found.pose[1]
-        wide, share = found.deviation_m, found.share
+        p, share, width = self.p, found.share, found.deviation_m
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
-        if not self._lost:
-            carried = None if self._unproved else self._elsewhere(found)
-            doubtful = share < p.lost or wide > p.lost_m
-            self._since = (self._since or self.now) if doubtful else None
-            waited = self._since is not None and self.now - self._since >= p.lost_s
-            if carried is not None:
-                self._filter.forget(carried.readings)
-                self._lose(
-                    f"not at ({x:.2f}, {y:.2f}), where the readings fit by {found.fit:.2f}:"
-                    f" what it heard fits by {carried.fit:.2f} elsewhere"
-                )
-            elif waited or leaps:
-                if not self._unproved:
-                    self._filter.forget()
-                self._lose(
-                    f"at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
-                    f" weight, +-{wide:.2f} m; the readings fit by {found.fit:.2f}"
-                )
-        elif self._sure >= p.found_times:
-            self._lost, self._since, self._unproved = False, None, p.proved_times
-            self._doubted = None
-            self._looked, self._looked_at = 0, self.now
-            self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
+        if self._lost:
+            if self._spread and share >= p.found and width < p.doubt_m and found.fit >= p.fits:
+                self._find(found.pose)
+            return
+        doubtful = share < p.lost or width > p.lost_m
+        self._since = (self._since or self.now) if doubtful else None
+        waited = self._since is not None and self.now - self._since >= p.lost_s
+        if leaps or waited:
+            self._lose(
+                f"at best at {_place(found.pose)}, with {100 * share:.0f} % of the weight,"
+                f" +-{width:.2f} m; the readings fit by {found.fit:.2f}",
+                spread=not leaps,
+            )
 
-    def _elsewhere(self, found: Estimate) -> Elsewhere | None:
-        """Where it may have been carried to, if it must have been.
+    def _seek(self) -> None:
+        """Search the whole map where there is reason to, a piece of it in each cycle."""
+        if self._search is None:
+            self._search = self._begin_search()
+        if self._search is None or not self._search.advance():
+            return
+        search, self._search = self._search, None
+        if self._lost or self._unproved:
+            self._last = search
+            self._locate(search)
+        elif self._at is not None:
+            self._check(search, self._at)
 
-        Readings that fit badly may be people's, and those fit nowhere on the map; what a robot that
-        was carried away hears fits where it is now. So it is asked how much better another place
-        explains what was heard since nothing else did. Until it is known, it slows down.
-        """
-        p, f = self.p, self._filter
-        if self._doubted is None and f.fit >= p.fits:
-            f.mark(UNDOUBTED)
-            self._looked, self._looked_at = f.news, self.now
+    def _begin_search(self) -> Search | None:
+        """A search: of a lost robot, or of one whose readings fit badly, by its newest readings."""
+        particles, history = self._filter, self._filter.history
+        if self._lost or self._unproved:
+            if history.news < self._confirm.looks_after:
+                return None
+            history.mark()
+            return particles.search(also=self._last)
+        if not self._doubted and particles.fit >= self.p.fits:
+            self._trust()
             return None
-        new = f.news - self._looked
-        if new < p.doubted_after and not (new and self.now - self._looked_at >= STANDS_S):
+        new, waited = history.news - self._searched, self.now - self._searched_at
+        if new < self.p.doubted_after and not (self._doubted and new > 0 and waited >= AGAIN_S):
             return None
-        self._looked, self._looked_at = f.news, self.now
-        other = f.elsewhere(found.pose)
-        # What is not on the map, and walls that are dead, let places elsewhere fit a little better
+        self._searched, self._searched_at = history.news, self.now
+        return particles.search(min(history.news, particles.settings.search.doubted))
+
+    def _trust(self) -> None:
+        """The readings until now are of this place."""
+        self._filter.history.mark(UNDOUBTED)
+        self._searched = self._filter.history.news
+
+    def _check(self, search: Search, here: Pose2) -> None:
+        """Whether the robot was moved elsewhere: doubt, or a verdict, or neither."""
+        p, confirm = self.p, self._confirm
+        other = search.alternative(here, self._filter.settings.trust)
+        # What is on no map, and walls that reflect nothing, let other places fit a little better
         # all along the way: that adds up to any odds.
         better = other is not None and other.fit >= p.fits_better * other.stay_fit
         if other is None or not better or other.odds < p.doubts:
-            self._doubted = None
+            self._doubted, self._verdicts = False, 0
             if other is None or other.throughout < -p.stays:
-                f.mark(UNDOUBTED)
-                self._looked = f.news
-            return None
-        self._doubted = self._doubted or (self.now, found.pose)
-        since, (x, y, _) = self._doubted
-        stands = hypot(found.pose[0] - x, found.pose[1] - y) < p.stands_m
-        lifted = other.odds >= p.carried or (stands and self.now - since >= p.doubt_s)
-        return other if lifted else None
+                self._trust()
+            return
+        self._doubted = True
+        if other.odds < confirm.odds or other.fit < confirm.fit:
+            self._verdicts = 0
+            return
+        again = not confirm.same_place or not apart(other.pose, self._elsewhere)
+        counts = min(int(other.odds / confirm.odds), confirm.most)
+        self._verdicts = self._verdicts + counts if again else counts
+        self._elsewhere = other.pose
+        if self._verdicts >= confirm.verdicts:
+            self._filter.history.forget(other.readings)
+            self._lose(
+                f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
+                f" they fit by {other.fit:.2f} at {_place(other.pose)}"
+            )
 
-    def _lose(self, why: str) -> None:
-        self._lost, self._since, self._sure, self._unproved = True, None, 0, 0
+    def _lose(self, why: str, *, spread: bool = False) -> None:
+        self._lost, self._spread, self._since = True, spread, None
+        self._sure = self._unproved = 0
+        self._search = self._last = None
         self.log(f"the robot is lost: {why}", WARNING)
 
-    def _look(self) -> None:
-        """Look for it on the whole map, by all that it has heard of late.
+    def _find(self, pose: Pose2) -> None:
+        self._lost, self._since, self._unproved = False, None, self.p.proved_times
+        self._doubted, self._verdicts, self._searched = False, 0, 0
+        self._search, self._last, self._at = None, None, pose
+        self.log(f"the robot is found: at {_place(pose)}")
 
-        One place has to be much better than all others, again and again while the robot goes on:
-        to be found wrongly is worse than to be found late.
+    def _locate(self, search: Search) -> None:
+        """Accept a place on the whole map for a lost robot, or confirm the one accepted last.
+
+        One place has to be much better than all others, several times in a row while the robot goes
+        on: a wrong place is worse than a late one.
         """
-        best, *_ = self._filter.places()
-        x, y, _ = best.pose
-        if not self._lost and self._at is not None:
-            if apart(best.pose, self._at):
-                self._lose(f"what it heard since it was found fits better at ({x:.2f}, {y:.2f})")
-            elif best.share >= self.p.found:
-                self._unproved -= 1
+        if not (places := search.places):
             return
-        sure = best.share >= self.p.found and best.fit >= self._found_fit
+        best = places[0]
+        sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
+        if not self._lost:
+            if self._at is None or not apart(best.pose, self._at):
+                self._unproved -= best.share >= self.p.found
+            elif sure:
+                self._lose(f"the readings since it was found fit better at {_place(best.pose)}")
+            return
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
+        if self._sure >= self.p.found_times:
+            self._filter.gather(search)
+            self._find(best.pose)
+
+    def _watch_fit(self, fit: float) -> None:
+        """Report readings that fit the map badly all along: the robot slows down until they fit."""
+        if self._lost or fit >= self.p.fits:
+            self._fitted_at, self._misfit = self.now, False
+        elif not self._misfit and self.now - self._fitted_at > MISFIT_S:
+            self._misfit = True
+            self.log(
+                f"the readings fit the map badly for {MISFIT_S:.0f} s ({fit:.2f}):"
+                " it may be of another place, or much has changed",
+                WARNING,
+            )
+
+
+def _place(pose: Pose2) -> str:
+    return f"({pose[0]:.2f}, {pose[1]:.2f})"
 
 
 def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:

@@ -5,17 +5,24 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterator, Sequence
-from math import cos, hypot, inf, pi, radians, sin, sqrt, tau
+from math import cos, hypot, pi, radians, sin, sqrt, tau
 from pathlib import Path
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.localization import Localization, Parameters, as_fired, sonar_model
+from armadico.agents.localization import (
+    SONARS,
+    Localization,
+    Parameters,
+    as_fired,
+    sonar_model,
+)
 from armadico.agents.methods import reflectors
+from armadico.agents.methods.global_search import Alternative, Place, Search, anywhere
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.monte_carlo import Elsewhere, Estimate, MonteCarlo, Place, Settings
+from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.reflectors import WALL
 from armadico.agents.methods.sonar_model import (
     EXACT,
@@ -30,7 +37,7 @@ from armadico.agents.path_planning import PathPlanning
 from armadico.agents.relocate import Relocate
 from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
-from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.profile import NARROW, Odometry, SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
 from armadico.core.agent import Agent, Identity, Publish
@@ -202,12 +209,15 @@ def test_echoes_are_weighed_together_as_each_alone() -> None:
         assert (MODEL.likelihood(poses, echoes, coarse=coarse) == np.hstack(alone)).all()
 
 
-def test_the_heading_wanders_as_wheels_do_that_slip() -> None:
-    """Each wheel by its own share of each 0.1 m (docs/worlds.md)."""
-    slip = load_entry(find("robots", "sensors"), SensorProfile, "real").slip
+def test_the_default_odometry_covers_the_simulated_wheels() -> None:
+    """A wheel slips by its own share of each 0.1 m, and wheels differ in size (docs/worlds.md)."""
+    real = load_entry(find("robots", "sensors"), SensorProfile, "real")
     track = 2.0 * load_profile("pioneer-2dx").body.half_track_m
-    apart = 2**0.5 * slip * 0.1 / track * 10**0.5  # rad in a metre
-    assert Settings().turn_per_root_m == pytest.approx(apart, rel=0.1)
+    slips = 2**0.5 * real.slip * 0.1 / track * 10**0.5  # rad in a metre
+    drift = hypot(slips, real.drift_rad_m / 3**0.5)  # uniform, up to that
+    assert NARROW.alpha2 == pytest.approx(drift, rel=0.2)
+    assert NARROW.alpha1 > real.turn_error / 3**0.5
+    assert NARROW.alpha3 > real.way_error / 3**0.5
 
 
 def test_a_robot_beyond_the_map_is_no_error() -> None:
@@ -247,6 +257,18 @@ def follow(
     return found
 
 
+def searched(particles: MonteCarlo, most: int | None = None) -> Search:
+    search = particles.search(most)
+    while not search.advance():
+        pass
+    return search
+
+
+def alternative(particles: MonteCarlo, here: Pose2) -> Alternative | None:
+    search = searched(particles, particles.history.news)
+    return search.alternative(here, particles.settings.trust)
+
+
 def off(pose: Pose2, found: Estimate) -> tuple[float, float]:
     x, y, theta = found.pose
     return hypot(x - pose[0], y - pose[1]), abs(wrap(theta - pose[2]))
@@ -268,16 +290,8 @@ def test_they_follow_a_robot_whose_odometry_drifts() -> None:
 @pytest.mark.parametrize("cycles", [1, 31])
 def test_they_go_round_an_arc_as_the_odometry_does(cycles: int) -> None:
     """Also in one go, as when the agent was held up."""
-    sure = Settings(
-        least=10,
-        turn_per_root_m=0,
-        turn_per_rad=0,
-        way_per_m=0,
-        drift_rad_m=0,
-        turn_error=0,
-        way_error=0,
-    )
-    particles = filtered(settings=sure)
+    exact = Odometry(alpha1=0.0, alpha2=0.0, alpha3=0.0)
+    particles = MonteCarlo(MODEL, free(), np.random.default_rng(1), Settings(least=10), exact)
     particles.start_at(START, 1e-9, 1e-9)
     turn, pose = 1.55 / cycles, START
     for _ in range(cycles):
@@ -302,17 +316,19 @@ def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> No
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     before = follow(particles, START, 200)[-1][1]
-    particles.mark(4)
+    particles.history.mark(4)
     _, after = follow(particles, (1.0, 1.5, 2.0), 60)[-1]
     assert after.fit < 0.75 * before.fit
     poses = particles.poses.copy()
-    other = particles.elsewhere(after.pose)
+    other = alternative(particles, after.pose)
     assert other is not None
     # Some places fit alike: which one it is told is chance, that it is not here is not.
     assert hypot(other.pose[0] - after.pose[0], other.pose[1] - after.pose[1]) > 0.5
     assert other.odds > 10.0
     assert other.fit > 2.0 * other.stay_fit
-    assert other.readings <= particles.news - 3, "what was heard before it was lifted is not of it"
+    assert other.readings <= particles.history.news - 3, (
+        "what was heard before it was lifted is not of it"
+    )
     assert np.array_equal(particles.poses, poses)
 
 
@@ -320,10 +336,10 @@ def test_where_it_is_nothing_speaks_for_another_place() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     _, found = follow(particles, START, 200)[-1]
-    other = particles.elsewhere(found.pose)
+    other = alternative(particles, found.pose)
     assert other is None or other.throughout < -3.0
-    particles.mark()
-    assert particles.elsewhere(found.pose) is None, "nothing was heard since"
+    particles.history.mark()
+    assert alternative(particles, found.pose) is None, "there is no reading since"
 
 
 def test_as_many_particles_as_the_spread_needs() -> None:
@@ -408,7 +424,9 @@ def lost(walls: Sequence[tuple[float, ...]], cycles: int, turn_error: float = 0.
 @pytest.mark.parametrize("turn_error", [0.0, 0.04, -0.04])
 def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: float) -> None:
     particles = lost(WALLS, 130, turn_error)
-    best, *others = particles.places()
+    search = searched(particles)
+    best, *others = search.places
+    particles.gather(search)
     *_, (pose, _) = drive(START, 130)
     assert hypot(best.pose[0] - pose[0], best.pose[1] - pose[1]) < 0.15
     assert abs(wrap(best.pose[2] - pose[2])) < 0.1
@@ -419,16 +437,36 @@ def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: flo
 
 def test_rooms_that_are_alike_share_what_is_believed() -> None:
     particles = lost([*WALLS, *((x1 + 8, y1, x2 + 8, y2) for x1, y1, x2, y2 in WALLS)], 130)
-    first, second, *_ = particles.places()
+    first, second, *_ = searched(particles).places
     assert abs(abs(first.pose[0] - second.pose[0]) - 8.0) < 0.3
     assert 0.1 < second.share <= first.share < 0.9
 
 
-def test_what_is_forgotten_speaks_for_no_place() -> None:
+def test_without_readings_no_place_is_found() -> None:
     particles = lost(WALLS, 60)
-    assert particles.news > 5
-    particles.forget()
-    assert (particles.news, particles.places()) == (0, [])
+    assert particles.history.news > 5
+    particles.history.forget()
+    before = particles.poses.copy()
+    search = searched(particles)
+    particles.gather(search)
+    assert (particles.history.news, search.places) == (0, [])
+    assert np.array_equal(particles.poses, before)
+
+
+def test_a_search_in_pieces_finds_what_one_in_one_go_finds_though_the_robot_drives_on() -> None:
+    """Each piece is a cycle's work; meanwhile the robot moves, and so does what is found."""
+    whole, pieces = lost(WALLS, 130), lost(WALLS, 130)
+    done = searched(whole).places[0]
+    search, motion, cycles = pieces.search(), (0.03, 0.0, 0.02), 0
+    pose = done.pose
+    while not search.advance(50_000):
+        search.move(motion)
+        pose, cycles = compose(pose, motion), cycles + 1
+    assert cycles > 5
+    best = search.places[0]
+    assert hypot(best.pose[0] - pose[0], best.pose[1] - pose[1]) < 0.02
+    assert abs(wrap(best.pose[2] - pose[2])) < 0.02
+    assert best.share == pytest.approx(done.share)
 
 
 # The agent ----------------------------------------------------------------------------------------
@@ -518,7 +556,7 @@ def test_what_may_be_does_not_go_through_a_wall_that_does_not_answer(world: str)
         pose = compose(pose, motion)
         robot.at(pose, motion, pose)
     places = poses_of([m for m in robot.said if isinstance(m, Particles)][-1])
-    assert sum(y < 0.1 for _, y, _ in places) < 0.05 * len(places)
+    assert sum(y < 0.03 for _, y, _ in places) < 0.05 * len(places)
 
 
 def test_sonars_fire_one_after_the_other_while_the_robot_moves() -> None:
@@ -582,11 +620,11 @@ def test_it_is_looked_for_where_names_are_and_elsewhere_only_if_it_began_there()
     robot = Robot(Parameters(world="surveillance", start="anywhere"))
     void = (6.0, 8.0, 0.0)  # between two wings of the building
     robot.at((1.5, 2.0, 0.0), (0.0, 0.0, 0.0), (1.5, 2.0, 0.0))
-    guesses = robot.agent._filter._anywhere(5000)
+    guesses = anywhere(robot.agent._filter._free, 5000, np.random.default_rng(1))
     assert not ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
     robot = Robot(Parameters(world="surveillance"))
     robot.at(void, (0.0, 0.0, 0.0), void)
-    guesses = robot.agent._filter._anywhere(5000)
+    guesses = anywhere(robot.agent._filter._free, 5000, np.random.default_rng(1))
     assert ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
 
 
@@ -626,20 +664,22 @@ def test_nobody_drives_fast_by_a_place_that_has_just_been_found(world: str) -> N
     assert unsure[-1] < UNSURE_M
 
 
-def test_who_is_found_and_then_hears_what_fits_better_elsewhere_is_lost(
+def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
-    places = MonteCarlo.places
+    places = Search.places.fget
+    assert places is not None
 
-    def elsewhere(particles: MonteCarlo) -> list[Place]:
-        first, *others = places(particles)
-        return [first if particles.lost else Place((0.5, 0.5, 0.0), 0.9, 0.5), *others]
+    def elsewhere(search: Search) -> list[Place]:
+        first, *others = places(search)
+        lost = robot.agent._filter.lost
+        return [first if lost else Place((0.5, 0.5, 0.0), first.share, 0.5), *others]
 
-    monkeypatch.setattr(MonteCarlo, "places", elsewhere)
+    monkeypatch.setattr(Search, "places", property(elsewhere))
     unsure = found(robot, 260)
     assert min(unsure) > Parameters().unproved_m  # and never proved
-    assert any("fits better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
+    assert any("fit better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
 
 
 def test_who_stands_before_half_of_the_sonars_does_not_lose_it(world: str) -> None:
@@ -665,75 +705,81 @@ def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: st
     assert deviations[-1] > LOST_M
 
 
-def doubting(world: str, monkeypatch: pytest.MonkeyPatch, *others: Elsewhere | None) -> Robot:
-    """Carried away; what comes of looking for it elsewhere is this, the last one again."""
+def doubting(world: str, monkeypatch: pytest.MonkeyPatch, *others: Alternative | None) -> Robot:
+    """Kidnapped; each search finds the next of these alternatives, the last one again and again."""
     robot, told = Robot(Parameters(world=world)), list(others)
     for pose, motion in drive(START, 200):
         robot.at(pose, motion, pose)
 
-    def elsewhere(particles: MonteCarlo, here: Pose2) -> Elsewhere | None:
+    def alternative(*_: object) -> Alternative | None:
         return told.pop(0) if len(told) > 1 else told[0]
 
-    monkeypatch.setattr(MonteCarlo, "elsewhere", elsewhere)
+    monkeypatch.setattr(Search, "alternative", alternative)
     return robot
 
 
-def carried(robot: Robot, cycles: int, motion: Pose2) -> list[float]:
-    """How unsure it says that it is then, m; infinite: lost."""
-    pose, unsure = (1.0, 1.5, 2.0), []
+def carried(robot: Robot, cycles: int, motion: Pose2) -> list[Correction]:
+    """What it publishes then."""
+    pose, published = (1.0, 1.5, 2.0), []
     for _ in range(cycles):
         pose = compose(pose, motion)
-        (one,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
-        unsure.append(sqrt(one.covariance[0] + one.covariance[3]) if one.confidence else inf)
-    return unsure
+        published += robot.at(pose, motion, (0.0, 0.0, 0.0))
+    return published
 
 
-def other(odds: float, fit: float) -> Elsewhere:
-    return Elsewhere((1.0, 1.5, 2.0), odds, 3, fit, 0.3, odds)
+def lost_in(published: Sequence[Correction]) -> bool:
+    return any(one.confidence == 0.0 for one in published)
+
+
+def slow(one: Correction) -> bool:
+    return sqrt(one.covariance[0] + one.covariance[3]) > UNSURE_M
+
+
+def other(odds: float, fit: float) -> Alternative:
+    return Alternative((1.0, 1.5, 2.0), odds, 3, fit, 0.3, odds)
 
 
 @pytest.mark.parametrize(
-    ("odds", "fit", "lost"), [(8.0, 0.6, True), (8.0, 0.35, False), (3.0, 0.6, False)]
+    ("odds", "fit", "lost"),
+    [(8.0, 0.6, True), (8.0, 0.46, True), (8.0, 0.35, False), (3.0, 0.6, False)],
 )
-def test_who_hears_what_fits_much_better_elsewhere_is_lost(
+def test_another_place_that_fits_much_better_in_search_after_search_makes_it_lost(
     world: str, monkeypatch: pytest.MonkeyPatch, odds: float, fit: float, lost: bool
 ) -> None:
-    """People let it hear what fits a little better elsewhere, and more of it all along."""
-    unsure = carried(doubting(world, monkeypatch, other(odds, fit)), 60, (0.02, 0.0, 0.0))
-    assert (inf in unsure) == lost
-    assert (max(unsure) > UNSURE_M) == (fit > 0.5), "who doubts is slow"
+    """A bad fit here is no proof, where the fit elsewhere is bad, too: people, unmapped boxes."""
+    published = carried(doubting(world, monkeypatch, other(odds, fit)), 100, (0.02, 0.0, 0.0))
+    assert lost_in(published) == lost
+    assert any(one.elsewhere for one in published) == (fit > 0.45)
+    assert all(slow(one) for one in published if one.elsewhere)
 
 
-def test_who_doubts_is_slow_until_nothing_speaks_for_another_place(
+def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    verdicts = [other(8.0, 0.6)] * (SONARS.verdicts - 1)
+    robot = doubting(world, monkeypatch, *verdicts, other(3.0, 0.6), *verdicts, None)
+    published = carried(robot, 200, (0.02, 0.0, 0.0))
+    assert not lost_in(published)
+    assert any(one.elsewhere for one in published)
+
+
+def test_it_doubts_until_nothing_speaks_for_another_place(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = doubting(world, monkeypatch, other(3.0, 0.6), None)
-    slow = [off > UNSURE_M for off in carried(robot, 60, (0.02, 0.0, 0.0))]
-    assert any(slow)
-    assert not slow[-1]
+    doubts = [one.elsewhere for one in carried(robot, 80, (0.02, 0.0, 0.0))]
+    assert any(doubts)
+    assert not doubts[-1]
 
 
-def test_who_doubts_and_does_not_get_on_is_lost(
+def test_doubt_is_published_until_the_robot_is_found(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    unsure = carried(doubting(world, monkeypatch, other(3.0, 0.6)), 130, (0.0, 0.0, 0.03))
-    assert UNSURE_M < unsure[60] < LOST_M
-    assert inf in unsure
-
-
-@pytest.mark.parametrize(("odds", "lost"), [(8.0, True), (3.0, False)])
-def test_who_hears_what_fits_elsewhere_says_so_until_it_does_not(
-    world: str, monkeypatch: pytest.MonkeyPatch, odds: float, lost: bool
-) -> None:
-    robot = doubting(world, monkeypatch, other(odds, 0.6), None)
-    del robot.said[:]
-    slow = [off > UNSURE_M for off in carried(robot, 300, (0.0, 0.0, 0.03))]
-    said = [one.elsewhere for one in robot.said if isinstance(one, Correction)]
-    first, then = slow.index(True), said.index(True)
-    assert first == then
-    until = said.index(False, then)
-    assert (0.0 in [one.confidence for one in robot.said if isinstance(one, Correction)]) == lost
-    assert True not in said[until:]
+    robot = doubting(world, monkeypatch, *[other(8.0, 0.6)] * SONARS.verdicts, None)
+    published = carried(robot, 400, (0.0, 0.0, 0.03))
+    doubts = [one.elsewhere for one in published]
+    assert lost_in(published)
+    assert True not in doubts[doubts.index(False, doubts.index(True)) :]
 
 
 def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
@@ -794,7 +840,7 @@ def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_i
         robot.at(pose, motion, pose)
     robot.restart((0.0, 0.0, 0.0), anew=True)
     robot.at(pose, (0.0, 0.0, 0.0), pose)
-    assert len(robot.agent._filter._kept) <= 1
+    assert len(robot.agent._filter.history) <= 1
 
 
 def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str) -> None:
@@ -945,12 +991,11 @@ def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
     assert np.isfinite(particles.weights).all()
 
 
-def test_a_map_that_does_not_fit_is_told(world: str, tmp_path: Path) -> None:
-    """Another room than the one that it drives in: it says that it is lost, and stays so."""
+def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_path: Path) -> None:
     path = tmp_path / "other.map"
     path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")
     robot = Robot(Parameters(world=str(path)))
-    confidences = [
-        robot.at(pose, motion, pose)[-1].confidence for pose, motion in drive(START, 300)
-    ]
-    assert confidences[-1] == 0.0
+    for pose, motion in drive(START, 600):
+        (correction,) = robot.at(pose, motion, pose)
+    assert any("map badly" in m.text for m in robot.said if isinstance(m, Log))
+    assert sqrt(correction.covariance[0] + correction.covariance[3]) > UNSURE_M
