@@ -6,6 +6,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import isfinite, nan, radians
 from pathlib import Path
@@ -56,9 +57,10 @@ def main(argv: Sequence[str]) -> int:
         say(f"note: {note}")
     if noise and args.noise is None:
         say(f"note: the odometry is a corrected path; errors of {noise:g} are added, see --noise")
+    chosen = _chosen(args, log)
     with TemporaryDirectory(prefix="armadico-") as folder:
         world, named = _world(args, log, Path(folder) / "map.yaml")
-        chosen = _chosen(args, log, world)
+        chosen = replace(chosen, world=world)
         with progress("localize", len(chosen.readings)) as step:
             track = localizing.localized(log, chosen, time.process_time, step)
         found = localizing.summary(track)
@@ -221,25 +223,33 @@ def _profile(args: argparse.Namespace, log: Log) -> str:
     return profile_of(args.profile) or log.profile or PROFILE
 
 
-def _chosen(args: argparse.Namespace, log: Log, world: str) -> Chosen:
-    """How the log is gone through. Raises UsageError, ConfigError."""
+def _agent(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+    """The agent that corrects, and what is set of it. Raises UsageError, ConfigError."""
+    from armadico.config.discovery import agent_class  # noqa: PLC0415 - heavy
+    from armadico.config.loading import load_parameters  # noqa: PLC0415 - heavy
     from armadico.config.parameters import load_set  # noqa: PLC0415 - heavy
+    from armadico.observe.localizing import correctors  # noqa: PLC0415 - heavy
+
+    agents = correctors()
+    name = args.agent or (agents[0] if len(agents) == 1 else "")
+    if name not in agents:
+        there = ", ".join(agents) or "none"
+        raise UsageError(f"--agent {name}: name one that corrects the pose: {there}")
+    given = load_set(args.parameters) if args.parameters else {}
+    sets = (*given.get(name, ()), *args.sets)
+    load_parameters(agent_class(name).parameters, None, sets)
+    return name, sets
+
+
+def _chosen(args: argparse.Namespace, log: Log) -> Chosen:
+    """How the log is gone through, but for the map. Raises UsageError, ConfigError."""
     from armadico.observe import localizing  # noqa: PLC0415 - heavy
 
-    agents = localizing.correctors()
-    if args.agent is None and len(agents) != 1:
-        there = ", ".join(agents) or "none"
-        raise UsageError(f"--agent: which of the agents that correct the pose? {there}")
-    name = args.agent or agents[0]
-    if name not in agents:
-        raise UsageError(f"--agent {name}: does not correct the pose; there are: {agents}")
-    given = load_set(args.parameters) if args.parameters else {}
-    begin, end = (value for value in (args.begin, args.end))
-    readings = [
-        i
-        for i in localizing.part(log, args.over)
-        if (begin is None or log.time(i) >= begin) and (end is None or log.time(i) <= end)
-    ]
+    name, sets = _agent(args)
+    begin = float("-inf") if args.begin is None else args.begin
+    end = float("inf") if args.end is None else args.end
+    every = localizing.part(log, args.over)
+    readings = [i for i in every if begin <= log.time(i) <= end]
     if not readings:
         last = log.time(len(log) - 1)
         raise UsageError(f"--from, --to: no reading is between them; the log ends at {last:.1f} s")
@@ -247,14 +257,14 @@ def _chosen(args: argparse.Namespace, log: Log, world: str) -> Chosen:
     if args.start is not None:
         start = (args.start[0], args.start[1], radians(args.start[2]))
     return localizing.Chosen(
-        world=world,
+        world="",
         profile=_profile(args, log),
         readings=readings,
         agent=name,
         start=start,
         anywhere=args.anywhere,
         seed=args.seed,
-        sets=(*given.get(name, ()), *args.sets),
+        sets=sets,
     )
 
 

@@ -237,7 +237,8 @@ _SHAPES: Final[dict[str, tuple[int | str, ...]]] = {
 
 def _npz(path: Path, reach: float | None) -> Log:
     try:
-        with np.load(path) as file:
+        # numpy leaves a file open that it opened itself and cannot read.
+        with path.open("rb") as raw, np.load(raw) as file:
             fields = {name: file[name] for name in file.files}
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, OSError) as error:
         raise LogError(f"no whole .npz file: {error}", path) from None
