@@ -120,9 +120,7 @@ def points(log: Log, reading: int) -> Floats:
     ranges, bearings = ranges_of(scan), bearings_of(scan)
     near = ranges < FAR_M
     ranges, bearings = ranges[near], bearings[near]
-    return np.column_stack(
-        [scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings)]
-    )
+    return np.column_stack([scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings)])
 
 
 def filtered(
@@ -149,7 +147,16 @@ def filtered(
         track.scan_s.append(clock() - began)
         track.readings += 1
         then, alone, at = log.where(reading), relative(first, here), plain.mean
-        moment = Moment(reading, t - begun, way, at, at, then, compose(start, alone), plain.deviation, lost=False)
+        moment = Moment(
+            reading,
+            t - begun,
+            way,
+            at,
+            at,
+            then,
+            compose(start, alone),
+            plain.deviation,
+            lost=False,
+        )
         track.moments.append(moment)
     return track
-
