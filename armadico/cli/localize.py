@@ -61,8 +61,9 @@ def main(argv: Sequence[str]) -> int:
     with TemporaryDirectory(prefix="armadico-") as folder:
         world, named = _world(args, log, Path(folder) / "map.yaml")
         chosen = replace(chosen, world=world)
+        run = localizing.Run(log, chosen, time.process_time)
         with progress("localize", len(chosen.readings)) as step:
-            track = localizing.localized(log, chosen, time.process_time, step)
+            track = run.go(step)
         found = localizing.summary(track)
         if args.picture is not None:
             _draw(args, log, world, track, found)

@@ -207,13 +207,14 @@ def localized(
 
     Raises ConfigError for what an agent refuses, LogError where there is no start.
     """
-    return _Run(log, chosen, clock).go(step)
+    return Run(log, chosen, clock).go(step)
 
 
-class _Run:
-    """One log under way."""
+class Run:
+    """One log under way; `go` goes through it once."""
 
     def __init__(self, log: Log, chosen: Chosen, clock: Callable[[], float]) -> None:
+        """Make the agents; see `localized`. Raises ConfigError, LogError."""
         self._log, self._clock = log, clock
         self._readings, start = _begun(log, chosen)
         self._first = log.odometry_at(log.time(self._readings[0]))
@@ -253,7 +254,7 @@ class _Run:
         return [first - BEFORE_S + CYCLE_S * tick for tick in range(1, count + 1)]
 
     def go(self, step: Callable[[], None]) -> Track:
-        """All of it."""
+        """Go through all of it."""
         log, track, due = self._log, Track(), 0
         begun, way, before, heading = self._ticks[0], 0.0, None, None
         begun -= CYCLE_S
