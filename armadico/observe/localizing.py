@@ -272,7 +272,7 @@ class Run:
             self._cycle(RobotState(cycle, *here, 0.0, 0.0, VOLTS, True, False), now)
             newest: dict[type, int] = {}
             while due < len(self._readings) and log.time(self._readings[due]) <= t:
-                newest[self._kind(self._readings[due])] = due
+                newest[log.readings.kind(self._readings[due])] = due
                 due += 1
                 step()
             for at in newest.values():
@@ -288,10 +288,6 @@ class Run:
             if due == len(self._readings):
                 break
         return track
-
-    def _kind(self, reading: int) -> type:
-        messages = getattr(self._log.readings, "messages", None)
-        return Scan if messages is None else type(messages[reading])
 
     def _cycle(self, state: RobotState, now: float) -> None:
         """The odometry of a cycle, and the pose by it."""

@@ -45,6 +45,9 @@ LEAST_M: Final = 0.05
 CEILING: Final = 0.003
 """If this share of all ranges lies within 1 % of the largest, the largest means nothing seen."""
 
+FARTHEST: Final = 1e6
+"""A pose beyond this is not valid, m and rad."""
+
 JUMP_S: Final = 60.0
 """A longer gap between two rows is a clock that was set forward, and is taken as `STEP_S`."""
 
@@ -70,6 +73,9 @@ class LogError(ConfigError):
 class Readings(Protocol):
     """The range readings of a log."""
 
+    def kind(self, index: int) -> type[Scan | Sonar]:
+        """Which sensor a reading is of."""
+
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
         """One reading as the robot agent publishes it.
 
@@ -91,6 +97,10 @@ class Scans:
     reach: float  # m; at this range and beyond nothing was seen
     mount: Pose2 = (0.0, 0.0, 0.0)
 
+    def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
+        """See `Readings`."""
+        return Scan
+
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan:
         """See `Readings`."""
         seen = self.ranges[index] * self.scale
@@ -103,6 +113,10 @@ class Recorded:
     """Readings as they were published."""
 
     messages: tuple[Scan | Sonar, ...]
+
+    def kind(self, index: int) -> type[Scan | Sonar]:
+        """See `Readings`."""
+        return type(self.messages[index])
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
         """See `Readings`."""
@@ -279,7 +293,7 @@ class _Table:
         """Leave out rows that cannot be used; the indices of the others. Raises LogError."""
         if not len(self.times):
             raise LogError("holds no scans", path)
-        numbers = np.isfinite(self.times) & np.isfinite(self.odometry).all(axis=1)
+        numbers = np.isfinite(self.times) & _near(self.odometry)
         if not numbers.any():
             raise LogError("holds no odometry: no scan has a time and a pose", path)
         finite = np.flatnonzero(numbers)
@@ -290,9 +304,15 @@ class _Table:
         found = finite[kept]
         self.times, self.odometry = times, self.odometry[found]
         self.reference = self.reference[found].copy()
-        self.reference[~np.isfinite(self.reference).all(axis=1)] = np.nan
+        self.reference[~_near(self.reference)] = np.nan
         self.notes += notes
         return found
+
+
+def _near(poses: Floats) -> NDArray[np.bool_]:
+    """Which poses are numbers, and of a place that may be."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(poses).max(axis=1) < FARTHEST)
 
 
 def _in_order(times: Floats) -> tuple[Indices, Floats, tuple[str, ...]]:
@@ -387,10 +407,13 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         notes.append(f"{left} of {len(scans)} scans have another number of rays than {count}")
     times = np.array([one.t for one in same])
     laser, robot = np.array([one.laser for one in same]), np.array([one.robot for one in same])
-    if not np.ptp(robot, axis=0).any():  # no pose beside the scans
-        robot = laser = _interpolated(times, odometry)
-        if not len(robot):
+    if not np.ptp(robot, axis=0).any():  # no pose of the robot beside the scans
+        moves = bool(np.ptp(laser, axis=0).any())
+        robot = _interpolated(times, odometry)
+        if not len(robot) and not moves:
             raise LogError("holds no odometry: all poses are the same", path)
+        robot = robot if len(robot) else laser
+        laser = laser if moves else robot
     mounts = np.array(
         [relative(a, b) for a, b in zip(map(_pose, robot), map(_pose, laser), strict=True)]
     )

@@ -103,7 +103,7 @@ def test_an_npz_that_is_cut_short_is_refused(tmp_path: Path, share: float) -> No
 
 def test_rows_without_numbers_are_left_out(tmp_path: Path) -> None:
     path = np.array(made_logs.driven())
-    path[5], path[9, 2] = np.nan, np.inf
+    path[5], path[9, 2] = np.nan, 1e300
     reference = np.array(made_logs.driven())
     reference[3, 1] = np.nan
     log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path, reference=reference))
@@ -265,6 +265,12 @@ def test_odometry_lines_count_where_scans_have_no_pose(tmp_path: Path) -> None:
     ]
     log = logs.read(carmen(tmp_path / "b.log", [*lines(still, still), *beside]))
     assert log.odometry[50, :2] == pytest.approx(poses[50][:2], abs=1e-5)
+
+
+def test_a_laser_that_moves_is_the_path_where_the_robot_has_no_pose(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    log = logs.read(carmen(tmp_path / "a.log", lines(poses, [AT] * len(poses)), packed=True))
+    assert log.odometry[50] == pytest.approx(poses[50], abs=1e-5)
 
 
 @pytest.mark.parametrize("data", [b"hello\n", b"\x00\xff" * 50, b"PK\x03\x04rubbish", b"\x89MCAP0"])
