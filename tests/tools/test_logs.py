@@ -12,7 +12,7 @@ from armadico.config.profile import load_profile
 from armadico.observe import localizing, logs
 from armadico_tools.experiments import logs as experiment
 from armadico_tools.experiments.base import Context
-from armadico_tools.likelihood_filter import LikelihoodFilter, filtered, points
+from armadico_tools.experiments.likelihood_filter import LikelihoodFilter, filtered, points
 from tests.observe import made_logs
 
 

@@ -19,7 +19,7 @@ from armadico.config.profile import load_profile
 from armadico.observe import localizing, logs
 from armadico.observe.localizing import Chosen, Summary
 from armadico.observe.logs import Log, LogError, Scans
-from armadico_tools.likelihood_filter import LikelihoodFilter, filtered, points
+from armadico_tools.experiments.likelihood_filter import LikelihoodFilter, filtered, points
 from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
