@@ -58,8 +58,8 @@ NOTE: Final = (
 )
 FOUND_NOTE: Final = (
     f"The agent starts at {PLACES} places evenly spread over each log, on the map of all its scans,"
-    f" without knowing where it is, and has {FOUND_S:g} s of the log. *wrong*: reported as known"
-    " while more than 0.5 m off, at any time."
+    f" without knowing where it is, and has {FOUND_S:g} s of the log. *wrong*: wrong and sure,"
+    " as above, at any time."
 )
 
 
