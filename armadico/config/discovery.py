@@ -36,6 +36,9 @@ TRANSPORTS: Final = "armadico.transports"
 TRANSLATORS: Final = "armadico.translators"
 """What says the society's messages in the words of other people's tools."""
 
+MAPPERS: Final = "armadico.mappers"
+"""What makes an occupancy grid of readings at known poses."""
+
 T = TypeVar("T")
 
 

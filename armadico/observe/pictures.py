@@ -54,6 +54,8 @@ FORBIDDEN = "#c0392b"
 PARTICLE = "#0b8f88"
 MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
 MAX_ECHOES = 8000
+MOST_ERROR_M = 3.0
+"""Of an estimate, in a picture: a larger error runs out of it."""
 
 NOSE = ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))
 """What is drawn on the robot to show where it looks: m, in its own frame."""
@@ -213,6 +215,47 @@ def draw_otherwise(
                     canvas.legend.setdefault(trace.name, line)
         if row == len(rows) - 1:
             axes.set_xlabel("s of the recording", fontsize=9, color=SOFT)
+    canvas.save(path_out)
+
+
+def draw_localized(
+    world: World,
+    paths: Sequence[tuple[str, Sequence[tuple[float, float]]]],
+    errors: Sequence[tuple[float, float]],
+    lost: Sequence[tuple[float, float]],
+    words: tuple[str, str],
+    path_out: Path | str,
+) -> None:
+    """A PNG of a log on a map: the paths, and below it the error of the estimate over time.
+
+    Args:
+        world: The map.
+        paths: Names and points, m; NaN where a path is interrupted.
+        errors: Time and error, s and m; NaN where there is no reference.
+        lost: From when to when the robot was reported lost, s.
+        words: A title, and a line below it.
+        path_out: The file.
+    """
+    canvas = Canvas(world, place=(0.045, 0.33, 0.935, 0.54))
+    canvas.heading(*words)
+    for number, (name, points) in enumerate(paths):
+        if len(points):
+            xs, ys = zip(*(canvas.at(x, y) for x, y in points), strict=True)
+            ink, width = (MAPPED, PARTICLE)[number % 2], (3.4, 1.6)[number % 2]
+            look: dict[str, Any] = {"color": ink, "linewidth": width, "zorder": 4 + number}
+            (canvas.legend[name],) = canvas.axes.plot(xs, ys, **look)
+    axes = canvas.figure.add_axes((0.045, 0.115, 0.935, 0.13))
+    axes.set_title("error, m, over s; shaded: reported lost", loc="left", fontsize=9.5, color=INK)
+    axes.grid(color=FAINT)
+    axes.tick_params(labelsize=9, colors=SOFT)
+    if errors:
+        axes.plot(*zip(*errors, strict=True), color=PARTICLE, linewidth=1.2)
+        most = max((error for _, error in errors if error <= MOST_ERROR_M), default=0.0)
+        beyond = any(error > MOST_ERROR_M for _, error in errors)
+        axes.set_ylim(0.0, MOST_ERROR_M if beyond else max(0.3, 1.1 * most))
+        axes.set_xlim(errors[0][0], max(errors[-1][0], errors[0][0] + 1.0))
+    for begin, end in lost:
+        axes.axvspan(begin, end, color=FORBIDDEN, alpha=0.18, linewidth=0)
     canvas.save(path_out)
 
 

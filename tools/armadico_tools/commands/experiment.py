@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from armadico_tools.experiments.base import Barn, Context
 
 ALL: Final = "all"
+LOGS: Final = "logs"
+LIVE: Final = "live-vs-virtual"
 BARN: Final = ("worlds", "robot", "v_max", "data")
 FASTEST_M_S: Final = 10.0
 
@@ -29,6 +31,7 @@ EXAMPLES: Final = """\
   armadico experiment table-5.1                30 seeds a cell, into results/table-5.1
   armadico experiment table-5.2 --runs 100 --jobs 8 --json
   armadico experiment barn --worlds 1 --worlds 2 --robot pioneer-2dx --v-max 1
+  armadico experiment logs FOLDER              over logs of real robots
   armadico experiment all                      all but those in real time (--live: those too)
 """
 
@@ -56,6 +59,9 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     made.add_argument("experiment", nargs="?", metavar="NAME", help="one of --list, or all")
+    made.add_argument(
+        "logs", nargs="?", type=Path, metavar="FOLDER", help="with logs: their folder, or one log"
+    )
     made.add_argument("--list", action="store_true", help="what there is")
     made.add_argument("--runs", type=int, metavar="N", help=f"seeds a cell (default: {RUNS})")
     barn = made.add_argument_group("of barn only")
@@ -92,6 +98,10 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"--{given[0].replace('_', '-')} goes with barn")
     if args.v_max is not None and not 0.0 < args.v_max <= FASTEST_M_S:
         raise UsageError(f"--v-max {args.v_max:g}: more than none, at most {FASTEST_M_S:g} m/s")
+    if (args.logs is not None) != (args.experiment == LOGS):
+        raise UsageError("FOLDER goes with logs: armadico experiment logs FOLDER")
+    if args.logs is not None and not args.logs.exists():
+        raise UsageError(f"{args.logs}: no such folder")
     if args.live and args.experiment != ALL:
         raise UsageError("--live goes with all; live-vs-virtual is live anyway")
 
@@ -101,7 +111,8 @@ def _names(args: argparse.Namespace) -> list[str]:
     if args.experiment is None:
         raise UsageError("name an experiment, or all; --list shows them")
     if args.experiment == ALL:
-        return [name for name in EXPERIMENTS if args.live or name not in ON_REQUEST]
+        taken = {*EXPERIMENTS} - {*ON_REQUEST} | ({LIVE} if args.live else set())
+        return [name for name in EXPERIMENTS if name in taken]
     if args.experiment not in EXPERIMENTS:
         raise UsageError(unknown("experiment", args.experiment, (*EXPERIMENTS, ALL)))
     return [args.experiment]
@@ -181,6 +192,7 @@ def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) ->
         jobs=args.jobs or os.cpu_count() or 1,
         first_seed=first_seed,
         barn=_barn(args),
+        logs=args.logs,
     )
     about = store.About(
         experiment=name,

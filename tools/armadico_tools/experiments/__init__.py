@@ -20,6 +20,7 @@ EXPERIMENTS: Final = {
     "table-5.4": "table_5_4",
     "table-5.5": "table_5_5",
     "localization": "localization",
+    "logs": "logs",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
     "floors": "floors",
@@ -36,8 +37,8 @@ EXPERIMENTS: Final = {
 }
 """What an experiment is called, and its module; in this order they are all run."""
 
-ON_REQUEST: Final = ("live-vs-virtual",)
-"""Not among all of them unless asked for: it takes real time."""
+ON_REQUEST: Final = ("live-vs-virtual", "logs")
+"""Not among all of them unless asked for: one takes real time, the other a folder of logs."""
 
 RUNS: Final = 30
 FIRST_SEED: Final = 1000

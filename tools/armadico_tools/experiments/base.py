@@ -51,6 +51,7 @@ class Context:
     jobs: int = 1
     first_seed: int = FIRST_SEED
     barn: Barn = Barn()
+    logs: Path | None = None  # a folder of logs of real robots, or one log
     source: str = field(default_factory=lambda: source_hash(*BESIDES))
     software: Software = field(default_factory=software)
     conditions: dict[str, Conditions] = field(default_factory=dict)

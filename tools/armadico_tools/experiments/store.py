@@ -29,7 +29,9 @@ RUNS: Final = "runs.csv"
 ABOUT: Final = "about.json"
 CONDITIONS: Final = "conditions.json"
 FOUND: Final = "found.csv"
-BESIDES: Final = [Path(__file__).with_name(name) for name in ("driving.py", "traces.py")]
+BESIDES: Final = [
+    Path(__file__).with_name(name) for name in ("driving.py", "traces.py", "likelihood_filter.py")
+]
 """Of this package, what a run depends on: the rest only reports its results."""
 
 Key = tuple[str, int, str]

@@ -1,0 +1,379 @@
+"""Localize a robot over a log of range readings and odometry, and measure the error."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import isfinite, nan, radians
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.observe.localizing import Chosen, Summary, Track
+    from armadico.observe.logs import Log
+
+NOISE: Final = 0.05
+"""Errors that are added to an odometry that has none."""
+
+PROFILE: Final = "jackal"
+"""The robot of a log that names none. Of it count the width and that it has a laser; the scanner's
+angles and reach are the log's."""
+
+PARTS: Final = ("all", "even", "odd", "first", "second")
+MOST_LOST: Final = 0.5
+"""If the robot is lost at a larger share of the readings, the map may be of another place."""
+
+EVENTS: Final = 12
+"""Lines on the terminal."""
+
+EXAMPLES: Final = """\
+  armadico localize intel.npz                                on a map of the log's own scans
+  armadico localize intel.npz --map-from first --over second
+  armadico localize intel.log.gz --world office.yaml --start 1.5 2 90 --picture path.png
+  armadico localize run.mcap --json                          in the world that it was recorded in
+  armadico localize intel.npz --anywhere --from 600 --to 700
+  armadico localize freiburg.npz --noise 0.15 --seed 2       errors added to a corrected path
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Go through the log; 0 if an estimate was published."""
+    args = parser().parse_args(argv)
+    _check(args)
+    from armadico.cli.pool import progress  # noqa: PLC0415 - not for --help
+    from armadico.observe import localizing  # noqa: PLC0415 - heavy
+
+    say = options.teller("armadico localize")
+    log, noise = _log(args)
+    for note in log.notes:
+        say(f"note: {note}")
+    if noise and args.noise is None:
+        say(f"note: the odometry is a corrected path; errors of {noise:g} are added, see --noise")
+    chosen = _chosen(args, log)
+    with TemporaryDirectory(prefix="armadico-") as folder:
+        world, named = _world(args, log, Path(folder) / "map.yaml")
+        chosen = replace(chosen, world=world)
+        run = localizing.Run(log, chosen, time.process_time)
+        with progress("localize", len(chosen.readings)) as step:
+            track = run.go(step)
+        found = localizing.summary(track)
+        if args.picture is not None:
+            _draw(args, log, world, track, found)
+            say(f"picture: {args.picture}")
+    if args.json:
+        print(json.dumps(_about(args, log, noise, named, chosen, found)))
+    else:
+        _show(log, noise, named, found)
+    if found.lost_share > MOST_LOST:
+        lost = f"lost at {100.0 * found.lost_share:.0f} % of the readings"
+        say(f"{lost}: the map may be of another place, or the start may be wrong")
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico localize",
+        "Run the localization agent over a log and compare its pose with the log's reference. A log"
+        " is an .npz file, a CARMEN log (also .gz) or a recording of `armadico record`. The same"
+        " log, options and seed give the same numbers.",
+        EXAMPLES,
+    )
+    made.add_argument("log", metavar="LOG", type=Path, help="the log")
+    made.add_argument(
+        "--world",
+        metavar="MAP",
+        help="the map (default: the one that a recording names, else one made of the log)",
+    )
+    made.add_argument(
+        "--map-from",
+        choices=PARTS,
+        help="make the map of this part of the log's scans, at the reference poses (default: all)",
+    )
+    made.add_argument("--save-map", metavar="FILE", type=Path, help="keep that map: .yaml or .map")
+    made.add_argument(
+        "--over", choices=PARTS, default="all", help="go over this part of the log (default: all)"
+    )
+    made.add_argument("--from", dest="begin", type=float, metavar="S", help="begin at this time")
+    made.add_argument("--to", dest="end", type=float, metavar="S", help="end at this time")
+    start = made.add_mutually_exclusive_group()
+    start.add_argument(
+        "--start",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "DEG"),
+        help="where the robot is at the first reading: m, m, degrees (default: the reference)",
+    )
+    start.add_argument("--anywhere", action="store_true", help="the agent does not know the start")
+    made.add_argument("--seed", type=int, default=0, metavar="N", help="seed (default: 0)")
+    made.add_argument(
+        "--noise",
+        type=float,
+        metavar="SHARE",
+        help="add errors to the odometry, as a share of ways and turns (default: 0;"
+        f" {NOISE:g} where the odometry is a corrected path)",
+    )
+    made.add_argument(
+        "--profile",
+        metavar="PROFILE",
+        help=f"the robot (default: the one that a recording names, else {PROFILE}); the scanner's"
+        " angles are the log's",
+    )
+    made.add_argument("--agent", metavar="NAME", help="the agent that corrects the pose")
+    made.add_argument("--parameters", metavar="SET", help="a set of agents' parameters")
+    made.add_argument(
+        "--set",
+        dest="sets",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="a parameter of that agent; may be repeated",
+    )
+    made.add_argument(
+        "--reach", type=float, metavar="M", help="the scanner's longest range (default: the log's)"
+    )
+    made.add_argument(
+        "--corrected",
+        action="store_true",
+        default=None,
+        help="the poses of a CARMEN log are corrected (default: if its name says so, with .gfs or"
+        " corrected, or if they differ from the odometry)",
+    )
+    made.add_argument("--namespace", metavar="NS", help="the robot, of a recording of several")
+    made.add_argument(
+        "--picture", metavar="FILE.png", type=Path, help="draw the paths on the map, and the error"
+    )
+    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    return made
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises UsageError, ConfigError or FailedError."""
+    if not args.log.is_file():
+        raise UsageError(f"{args.log}: no such file")
+    if args.noise is not None and not 0.0 <= args.noise <= 1.0:
+        raise UsageError(f"--noise must be from 0 to 1 (got {args.noise:g})")
+    if args.reach is not None and not 0.0 < args.reach <= 100.0:
+        raise UsageError(f"--reach must be more than 0 and at most 100 (got {args.reach:g})")
+    if args.start is not None and not all(map(isfinite, args.start)):
+        raise UsageError("--start: expected three numbers")
+    for name, value in (("from", args.begin), ("to", args.end)):
+        if value is not None and not isfinite(value):
+            raise UsageError(f"--{name} {value:g}: expected s of the log")
+    if args.world is not None and (args.map_from is not None or args.save_map is not None):
+        raise UsageError("--map-from and --save-map make a map, and --world names one")
+    if args.save_map is not None:
+        from armadico.config.grid_map import check_suffix, check_writable  # noqa: PLC0415 - heavy
+
+        check_suffix(args.save_map)
+        try:
+            check_writable(args.save_map)
+        except OSError as error:
+            raise FailedError(f"cannot write {args.save_map}: {error.strerror}") from None
+    if args.picture is not None:
+        options.need("matplotlib", "plot")
+
+
+def _log(args: argparse.Namespace) -> tuple[Log, float]:
+    """The log, and the errors that were added to it. Raises LogError, FailedError."""
+    from armadico.observe import logs  # noqa: PLC0415 - heavy
+
+    with args.log.open("rb") as file:
+        if file.read(len(logs.MCAP)) == logs.MCAP:
+            options.need("mcap", "record")
+    given: dict[str, Any] = {"corrected": args.corrected, "namespace": args.namespace}
+    log = logs.read(args.log, reach=args.reach, **given)
+    noise = args.noise
+    if noise is None:
+        noise = 0.0 if log.real else NOISE
+    return (logs.with_errors(log, noise, args.seed) if noise else log), noise
+
+
+def _world(args: argparse.Namespace, log: Log, path: Path) -> tuple[str, str]:
+    """The map for the agent, and what to call it. Raises ConfigError, LogError, OSError."""
+    making = args.map_from is not None or args.save_map is not None
+    named = args.world or (None if making else log.world)
+    if named is not None:
+        return named, named
+    from armadico.cli.pool import progress  # noqa: PLC0415 - not for --help
+    from armadico.config import grid_map  # noqa: PLC0415 - heavy
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - heavy
+    from armadico.observe import localizing  # noqa: PLC0415 - heavy
+
+    of = args.map_from or PARTS[0]
+    count = len(localizing.mapping(log, of))
+    with progress("map", count) as step:
+        cells = localizing.mapped(log, of, load_profile(_profile(args, log)), step)
+    if args.save_map is not None:
+        grid_map.save(cells, args.save_map)
+    grid_map.save(cells, path)
+    return str(path), f"made of {count} scans ({of})"
+
+
+def _profile(args: argparse.Namespace, log: Log) -> str:
+    from armadico.launch.society import profile_of  # noqa: PLC0415 - heavy
+
+    return profile_of(args.profile) or log.profile or PROFILE
+
+
+def _agent(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+    """The agent that corrects, and what is set of it. Raises UsageError, ConfigError."""
+    from armadico.config.discovery import agent_class  # noqa: PLC0415 - heavy
+    from armadico.config.loading import load_parameters  # noqa: PLC0415 - heavy
+    from armadico.config.parameters import load_set  # noqa: PLC0415 - heavy
+    from armadico.observe.localizing import correctors  # noqa: PLC0415 - heavy
+
+    agents = correctors()
+    name = args.agent or (agents[0] if len(agents) == 1 else "")
+    if name not in agents:
+        there = ", ".join(agents) or "none"
+        raise UsageError(f"--agent {name}: name one that corrects the pose: {there}")
+    given = load_set(args.parameters) if args.parameters else {}
+    sets = (*given.get(name, ()), *args.sets)
+    load_parameters(agent_class(name).parameters, None, sets)
+    return name, sets
+
+
+def _chosen(args: argparse.Namespace, log: Log) -> Chosen:
+    """How the log is gone through, but for the map. Raises UsageError, ConfigError."""
+    from armadico.observe import localizing  # noqa: PLC0415 - heavy
+
+    name, sets = _agent(args)
+    begin = float("-inf") if args.begin is None else args.begin
+    end = float("inf") if args.end is None else args.end
+    every = localizing.part(log, args.over)
+    readings = [i for i in every if begin <= log.time(i) <= end]
+    if not readings:
+        last = log.time(len(log) - 1)
+        raise UsageError(f"--from, --to: no reading is between them; the log ends at {last:.1f} s")
+    start = None
+    if args.start is not None:
+        start = (args.start[0], args.start[1], radians(args.start[2]))
+    return localizing.Chosen(
+        world="",
+        profile=_profile(args, log),
+        readings=readings,
+        agent=name,
+        start=start,
+        anywhere=args.anywhere,
+        seed=args.seed,
+        sets=sets,
+    )
+
+
+# What came of it ----------------------------------------------------------------------------------
+
+
+def _about(
+    args: argparse.Namespace,
+    log: Log,
+    noise: float,
+    named: str,
+    chosen: Chosen,
+    found: Summary,
+) -> dict[str, Any]:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.observe.conditions import software  # noqa: PLC0415 - not for --help
+
+    return {
+        "log": str(args.log),
+        "notes": log.notes,
+        "real_odometry": log.real,
+        "noise": noise,
+        "map": named,
+        "over": args.over,
+        "agent": chosen.agent,
+        "sets": chosen.sets,
+        "profile": chosen.profile,
+        "anywhere": chosen.anywhere,
+        "seed": chosen.seed,
+        **msgspec.to_builtins(found),
+        "software": msgspec.to_builtins(software()),
+    }
+
+
+def _show(log: Log, noise: float, named: str, found: Summary) -> None:
+    """A row for each measure, then when the robot was lost and found."""
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.markup import escape  # noqa: PLC0415 - not for --help
+    from rich.table import Table  # noqa: PLC0415 - not for --help
+
+    odometry = "real odometry" if log.real else "a corrected path"
+    added = f", errors of {noise:g} added" if noise else ""
+    table = Table(show_header=False, padding=(0, 1))
+    table.title = escape(options.shown(f"{log.name}: {odometry}{added}; map {named}"))
+    table.add_column()
+    table.add_column(justify="right")
+    for name, value in _rows(found):
+        table.add_row(name, value)
+    Console().print(table)
+    for event in found.events[:EVENTS]:
+        off = "" if event.off_m is None else f", {event.off_m:.2f} m off"
+        print(f"{event.t:8.1f} s  {event.event} at ({event.x:.2f}, {event.y:.2f}){off}")
+    if len(found.events) > EVENTS:
+        print(f"... and {len(found.events) - EVENTS} more")
+
+
+def _rows(found: Summary) -> Iterator[tuple[str, str]]:
+    yield "readings, seconds, metres", f"{found.scans}  {found.seconds:.0f}  {found.metres:.0f}"
+    if found.error_median_m is not None:
+        three = (found.error_median_m, found.error_95_m, found.error_most_m)
+        yield "error: median, 95 %, most, m", "  ".join(f"{value or 0.0:.3f}" for value in three)
+        two = (found.heading_median_deg, found.heading_95_deg)
+        yield "heading: median, 95 %, degrees", "  ".join(f"{value or 0.0:.2f}" for value in two)
+        yield "error over 0.3 m", _percent(found.off_share)
+        way = f"{found.off_longest_s or 0.0:.0f} s, {found.off_longest_m or 0.0:.0f} m"
+        yield "  longest", way
+        yield "wrong and sure", _percent(found.wrong_sure_share)
+        yield "  longest", f"{found.wrong_sure_longest_s or 0.0:.0f} s"
+        two = (found.published_median_m, found.published_95_m)
+        said = "  ".join(f"{value or 0.0:.3f}" for value in two)
+        yield "published pose, error: median, 95 %, m", said
+        yield "odometry alone, error: most, m", f"{found.odometry_most_m or 0.0:.1f}"
+    else:
+        yield "error", "the log has no reference"
+    yield "reported lost", _percent(found.lost_share)
+    if found.found_s is not None:
+        off = "" if found.found_off_m is None else f", {found.found_off_m:.2f} m off"
+        yield "first found after", f"{found.found_s:.0f} s{off}"
+    if found.deviation_median_m is not None:
+        yield "deviation while not lost: median, m", f"{found.deviation_median_m:.3f}"
+    spent = (found.scan_median_ms, found.scan_95_ms, found.most_ms)
+    yield "processor: median, 95 %, most, ms", "  ".join(f"{value:.1f}" for value in spent)
+
+
+def _percent(share: float | None) -> str:
+    return f"{100.0 * (share or 0.0):.1f} %"
+
+
+def _draw(args: argparse.Namespace, log: Log, world: str, track: Track, found: Summary) -> None:
+    """The paths on the map, and the error over time."""
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
+    from armadico.observe.localizing import error_m  # noqa: PLC0415 - heavy
+    from armadico.observe.pictures import draw_localized  # noqa: PLC0415 - heavy
+
+    moments = track.moments
+    known = [one.reference or (nan, nan, nan) for one in moments]
+    estimate = [(nan, nan) if one.lost else one.estimate[:2] for one in moments]
+    paths: list[tuple[str, list[tuple[float, float]]]] = [("estimate", estimate)]
+    if found.compared:
+        paths.insert(0, ("reference", [at[:2] for at in known]))
+    errors = list(zip((one.t for one in moments), error_m(track).tolist(), strict=True))
+    lost = [(a.t, b.t) for a, b in pairwise(moments) if a.lost]
+    said = f"reported lost at {_percent(found.lost_share)} of {found.scans} readings"
+    if found.error_median_m is not None:
+        said = (
+            f"error {found.error_median_m:.3f} m in the median, {found.error_95_m or 0.0:.3f} m"
+            f" at 95 %, over 0.3 m at {_percent(found.off_share)}; {said}"
+        )
+    title = f"{log.name}: {found.metres:.0f} m in {found.seconds:.0f} s"
+    draw_localized(load_world(world), paths, errors, lost, (title, said), args.picture)

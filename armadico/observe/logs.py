@@ -1,0 +1,602 @@
+"""Logs of range readings and odometry, of any robot: `.npz`, CARMEN, and recordings of our own.
+
+`read` makes a `Log` of each form. What cannot be used of a file is left out and counted in
+`Log.notes`; a file of which nothing can be used is a `LogError`.
+
+The `.npz` form, for `numpy.load`: `t` (n,) in s; `odometry` and, if there is one, `reference`
+(n, 3) in m, m, rad, NaN where unknown; `ranges` (n, k) times `scale` in m; `angle_min` and
+`angle_step` in rad; `real_odometry`, false where `odometry` is a corrected path.
+"""
+
+from __future__ import annotations
+
+import gzip
+import zipfile
+import zlib
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import hypot, isnan, pi
+from pathlib import Path
+from random import Random
+from typing import IO, Any, Final, Protocol, cast
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.config.errors import ConfigError
+from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.messages import Cycle, Description, Message, RobotState, Scan, Sonar, Truth
+from armadico.core.scans import message_of
+from armadico.observe.recordings import Past, RecordingError
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+REACH_M: Final = 50.0
+"""A range beyond this is taken as nothing within reach, in any log."""
+
+LEAST_M: Final = 0.05
+"""A range below this is not valid."""
+
+CEILING: Final = 0.003
+"""If this share of all ranges lies within 1 % of the largest, the largest means nothing seen."""
+
+FARTHEST: Final = 1e6
+"""A pose beyond this is not valid, m and rad."""
+
+JUMP_S: Final = 60.0
+"""A longer gap between two rows is a clock that was set forward, and is taken as `STEP_S`."""
+
+LATE: Final = 10
+"""So many rows in a row with earlier times mean that the clock was set back."""
+
+STEP_S: Final = 1.0
+
+FIXED_M, FIXED_RAD = 0.5, 0.2
+"""CARMEN's two poses of a scan that never differ by more than this, but for a constant, are one
+pose and the scanner's mount. A corrected pose differs from odometry by much more."""
+
+MCAP: Final = b"\x89MCAP"
+"""How a recording begins."""
+
+NONE: Final = (float("nan"),) * 3
+
+
+class LogError(ConfigError):
+    """A file that no log can be read from."""
+
+
+class Readings(Protocol):
+    """The range readings of a log."""
+
+    def kind(self, index: int) -> type[Scan | Sonar]:
+        """Which sensor a reading is of."""
+
+    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
+        """One reading as the robot agent publishes it.
+
+        Args:
+            index: Which reading.
+            cycle: In which it is published.
+            since: The robot's pose when it was taken, in the frame of the robot in that cycle.
+            number: Of the scan.
+        """
+
+
+@dataclass(frozen=True)
+class Scans:
+    """Scans of one scanner, all with the same angles."""
+
+    ranges: NDArray[Any]  # (n, k)
+    scale: float  # m
+    angles: tuple[float, float]  # of the first ray, and from one ray to the next, rad
+    reach: float  # m; at this range and beyond nothing was seen
+    mount: Pose2 = (0.0, 0.0, 0.0)
+
+    def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
+        """See `Readings`."""
+        return Scan
+
+    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan:
+        """See `Readings`."""
+        seen = self.ranges[index] * self.scale
+        limits = (LEAST_M, self.reach)
+        return message_of(cycle, seen, self.angles, limits, self.mount, since=since, number=number)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Readings as they were published."""
+
+    messages: tuple[Scan | Sonar, ...]
+
+    def kind(self, index: int) -> type[Scan | Sonar]:
+        """See `Readings`."""
+        return type(self.messages[index])
+
+    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
+        """See `Readings`."""
+        said = self.messages[index]
+        if isinstance(said, Scan):
+            x, y, bearing = compose(since, (said.x, said.y, said.bearing))
+            fresh: dict[str, Any] = {"x": x, "y": y, "bearing": bearing, "number": number}
+            return msgspec.structs.replace(said, cycle=cycle, **fresh)
+        echoes = []
+        for echo in said.echoes:
+            x, y, bearing = compose(since, (echo.x, echo.y, echo.bearing))
+            echoes.append(msgspec.structs.replace(echo, x=x, y=y, bearing=bearing))
+        return msgspec.structs.replace(said, cycle=cycle, echoes=tuple(echoes))
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log as arrays. A row is an odometry pose; readings belong to some or all of the rows."""
+
+    name: str
+    times: Floats  # (m,) s, increasing, from 0
+    odometry: Floats  # (m, 3) m, m, rad
+    reference: Floats  # (m, 3) where the robot was, NaN where unknown
+    rows: Indices  # (n,) the row of each reading
+    readings: Readings
+    real: bool = True  # false: the odometry is a corrected path, without the errors of wheels
+    cycles: bool = False  # whether the rows are the robot's own cycles
+    world: str | None = None  # that the log names,
+    profile: str | None = None  # and the robot
+    notes: tuple[str, ...] = ()  # what was left out or assumed
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(n,) whether a reading has a reference pose."""
+        return np.array([self.where(i) is not None for i in range(len(self))], dtype=np.bool_)
+
+    def time(self, reading: int) -> float:
+        """When a reading was taken, s."""
+        return float(self.times[self.rows[reading]])
+
+    def where(self, reading: int) -> Pose2 | None:
+        """The reference pose of a reading, None where unknown."""
+        x, y, theta = self.reference[self.rows[reading]].tolist()
+        return None if isnan(x) else (x, y, theta)
+
+    def odometry_at(self, t: float) -> Pose2:
+        """The odometry at any time, interpolated between two rows."""
+        i = bisect_right(self.times, t) - 1
+        if i < 0:
+            i, share = 0, 0.0
+        elif i >= len(self.times) - 1:
+            i, share = len(self.times) - 1, 0.0
+        else:
+            share = (t - float(self.times[i])) / float(self.times[i + 1] - self.times[i])
+        x, y, theta = self.odometry[i].tolist()
+        if not share:
+            return x, y, theta
+        to_x, to_y, turn = self.odometry[i + 1].tolist()
+        dx, dy, dtheta = relative((x, y, theta), (to_x, to_y, turn))
+        return compose((x, y, theta), (share * dx, share * dy, share * dtheta))
+
+
+def with_errors(log: Log, share: float, seed: int) -> Log:
+    """The log with errors of wheels added to its odometry.
+
+    Three errors last for the whole log (length, turning, drift); one is drawn for each row.
+
+    Args:
+        log: A log whose odometry is a corrected path, or any other.
+        share: Of the way and of the turning, the standard deviation of the errors.
+        seed: Of the draws.
+    """
+    rng = Random(seed)
+    longer, turned = rng.gauss(0.0, share / 2), rng.gauss(0.0, share)
+    bend = rng.gauss(0.0, share / 2)  # rad/m
+    path = [(x, y, theta) for x, y, theta in log.odometry.tolist()]
+    at = path[0]
+    found = [at]
+    for before, after in pairwise(path):
+        x, y, theta = relative(before, after)
+        way = hypot(x, y)
+        x, y = x * (1.0 + longer), y * (1.0 + longer)
+        x += rng.gauss(0.0, share * way / 2)
+        y += rng.gauss(0.0, share * way / 4)
+        noise = rng.gauss(0.0, share * hypot(0.3 * way, abs(theta)))
+        theta = theta * (1.0 + turned) + bend * way + noise
+        at = compose(at, (x, y, theta))
+        found.append(at)
+    return replace(log, odometry=np.array(found))
+
+
+def read(
+    path: Path,
+    *,
+    corrected: bool | None = None,
+    namespace: str | None = None,
+    reach: float | None = None,
+) -> Log:
+    """Read a log; the file's content tells its form. Raises LogError and OSError.
+
+    Args:
+        path: The file.
+        corrected: Whether a CARMEN log's poses are corrected ones. None: if its name says so, with
+            "corrected" or ".gfs", or if they differ from its odometry.
+        namespace: The robot, of a recording of several.
+        reach: The scanner's longest range, m. None: found in the log.
+    """
+    with path.open("rb") as file:
+        magic = file.read(8)
+    if not magic:
+        raise LogError("is empty", path)
+    if magic.startswith(b"PK"):
+        return _npz(path, reach)
+    if magic.startswith(MCAP):
+        return _recording(path, namespace)
+    return _carmen(path, corrected, reach)
+
+
+# The npz form -------------------------------------------------------------------------------------
+
+_SHAPES: Final[dict[str, tuple[int | str, ...]]] = {
+    "t": ("n",),
+    "odometry": ("n", 3),
+    "ranges": ("n", "k"),
+    "angle_min": (),
+    "angle_step": (),
+}
+
+
+def _npz(path: Path, reach: float | None) -> Log:
+    try:
+        # numpy leaves a file open that it opened itself and cannot read.
+        with path.open("rb") as raw, np.load(raw) as file:
+            fields = {name: file[name] for name in file.files}
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, OSError) as error:
+        raise LogError(f"no whole .npz file: {error}", path) from None
+    for name in _SHAPES:
+        if name not in fields:
+            raise LogError(f"no field {name!r}; expected {', '.join(_SHAPES)}", path)
+    count, rays = len(np.atleast_1d(fields["t"])), np.atleast_2d(fields["ranges"]).shape[1]
+    wanted = {**_SHAPES, "reference": ("n", 3), "scale": (), "real_odometry": ()}
+    for name, shape in wanted.items():
+        if name not in fields:
+            continue
+        expected = tuple({"n": count, "k": rays}.get(str(size), size) for size in shape)
+        found = fields[name]
+        if found.shape != expected or found.dtype.kind not in "buif":
+            what = f"{found.dtype} {found.shape}, expected numbers {expected}"
+            raise LogError(f"field {name!r} is {what}", path)
+    reference = fields.get("reference", np.full((count, 3), np.nan))
+    table = _Table(
+        fields["t"].astype(float), fields["odometry"].astype(float), reference.astype(float)
+    )
+    kept = table.clean(path)
+    scale, ranges = float(fields.get("scale", 1.0)), fields["ranges"][kept]
+    real = bool(fields.get("real_odometry", True))
+    angles = float(fields["angle_min"]), float(fields["angle_step"])
+    return _scanned(path, table, ranges, scale, angles, real=real, reach=reach)
+
+
+@dataclass
+class _Table:
+    """Rows under way to a log."""
+
+    times: Floats
+    odometry: Floats
+    reference: Floats
+    notes: tuple[str, ...] = ()
+
+    def clean(self, path: Path) -> Indices:
+        """Leave out rows that cannot be used; the indices of the others. Raises LogError."""
+        if not len(self.times):
+            raise LogError("holds no scans", path)
+        numbers = np.isfinite(self.times) & _near(self.odometry)
+        if not numbers.any():
+            raise LogError("holds no odometry: no scan has a time and a pose", path)
+        finite = np.flatnonzero(numbers)
+        kept, times, notes = _in_order(self.times[finite])
+        if len(finite) < len(numbers):
+            left = len(numbers) - len(finite)
+            notes = (f"{left} of {len(numbers)} rows have no number for time or odometry", *notes)
+        found = finite[kept]
+        self.times, self.odometry = times, self.odometry[found]
+        self.reference = self.reference[found].copy()
+        self.reference[~_near(self.reference)] = np.nan
+        self.notes += notes
+        return found
+
+
+def _near(poses: Floats) -> NDArray[np.bool_]:
+    """Which poses are numbers, and of a place that may be."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(poses).max(axis=1) < FARTHEST)
+
+
+def _in_order(times: Floats) -> tuple[Indices, Floats, tuple[str, ...]]:
+    """The rows whose times increase, these times from 0, and notes of what was done."""
+    kept: list[int] = []
+    found: list[float] = []
+    late = jumps = 0
+    shift = -float(times[0])
+    for row, stamp in enumerate(times.tolist()):
+        t = stamp + shift
+        newest = found[-1] if found else -STEP_S
+        if t <= newest:
+            following = times[row : row + LATE]
+            if len(following) < LATE or (following + shift > newest).any():
+                late += 1
+                continue
+        if t <= newest or t - newest > JUMP_S:
+            jumps += 1
+            shift += newest + STEP_S - t
+            t = newest + STEP_S
+        kept.append(row)
+        found.append(t)
+    notes = []
+    if late:
+        notes.append(f"{late} of {len(times)} rows are not later than the row before them")
+    if jumps:
+        notes.append(f"the clock jumps {jumps} times; each jump is taken as {STEP_S:g} s")
+    return np.array(kept, dtype=np.intp), np.array(found), tuple(notes)
+
+
+def _scanned(
+    path: Path,
+    table: _Table,
+    ranges: NDArray[Any],
+    scale: float,
+    angles: tuple[float, float],
+    *,
+    real: bool,
+    reach: float | None,
+    mount: Pose2 = (0.0, 0.0, 0.0),
+) -> Log:
+    """A log whose rows are scans. Raises LogError if no scan can be made of them."""
+    readings = Scans(ranges, scale, angles, reach or _reach(ranges, scale), mount)
+    try:
+        readings.message(0, Cycle(0, 0), (0.0, 0.0, 0.0), 0)
+    except ValueError as error:
+        raise LogError(f"no scans: {error}", path) from None
+    rows = np.arange(len(table.times), dtype=np.intp)
+    parts = (table.times, table.odometry, table.reference)
+    return Log(path.name, *parts, rows, readings, real=real, notes=table.notes)
+
+
+def _reach(ranges: NDArray[Any], scale: float) -> float:
+    """The range from which on nothing was seen, m."""
+    finite = ranges[np.isfinite(ranges)]
+    if not finite.size:
+        return REACH_M
+    largest = float(finite.max())
+    top = 0.99 * largest
+    if np.count_nonzero(finite >= top) >= CEILING * finite.size:
+        return min(REACH_M, max(top * scale, 2 * LEAST_M))
+    return REACH_M
+
+
+# CARMEN -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A scan of a CARMEN log."""
+
+    t: float
+    angles: tuple[float, float]
+    reach: float | None
+    ranges: tuple[float, ...]
+    laser: Pose2
+    robot: Pose2
+
+
+def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
+    notes: list[str] = []
+    scans, odometry, broken, offset = _lines(path, notes)
+    if not scans:
+        known = "an .npz file, a recording (.mcap) or a CARMEN log with FLASER or ROBOTLASER1"
+        raise LogError(f"holds no scans; expected {known}", path)
+    if broken:
+        notes.append(f"{broken} lines could not be read")
+    (count, angles), _ = Counter((len(one.ranges), one.angles) for one in scans).most_common(1)[0]
+    same = [one for one in scans if (len(one.ranges), one.angles) == (count, angles)]
+    if len(same) < len(scans):
+        left = len(scans) - len(same)
+        notes.append(f"{left} of {len(scans)} scans have another number of rays than {count}")
+    times = np.array([one.t for one in same])
+    laser, robot = np.array([one.laser for one in same]), np.array([one.robot for one in same])
+    if not np.ptp(robot, axis=0).any():  # no pose of the robot beside the scans
+        moves = bool(np.ptp(laser, axis=0).any())
+        robot = _interpolated(times, odometry)
+        if not len(robot) and not moves:
+            raise LogError("holds no odometry: all poses are the same", path)
+        robot = robot if len(robot) else laser
+        laser = laser if moves else robot
+    mounts = np.array(
+        [relative(a, b) for a, b in zip(map(_pose, robot), map(_pose, laser), strict=True)]
+    )
+    mount = _pose(np.median(mounts, axis=0))
+    off = np.abs(mounts - mount)
+    off[:, 2] = np.abs((off[:, 2] + pi) % (2 * pi) - pi)
+    one_pose = bool((off[:, :2] <= FIXED_M).all() and (off[:, 2] <= FIXED_RAD).all())
+    if corrected is None:
+        corrected = not one_pose or any(word in path.name.lower() for word in (".gfs", "corrected"))
+    if not one_pose:
+        mount = (offset, 0.0, 0.0)
+    reference = np.full((len(same), 3), np.nan)
+    if corrected and one_pose:
+        reference = robot
+    elif corrected:
+        back = relative(mount, (0.0, 0.0, 0.0))
+        reference = np.array([compose(at, back) for at in map(_pose, laser)])
+    table = _Table(times, robot, reference, tuple(notes))
+    kept = table.clean(path)
+    ranges = np.array([same[row].ranges for row in kept])
+    real = not (corrected and one_pose)
+    longest = reach or same[0].reach
+    return _scanned(path, table, ranges, 1.0, angles, real=real, reach=longest, mount=mount)
+
+
+def _pose(values: Iterable[float]) -> Pose2:
+    x, y, theta = (float(value) for value in values)
+    return x, y, theta
+
+
+def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Floats:
+    """The odometry at the times of the scans, (n, 3), or (0, 3) if it never changes."""
+    ordered = sorted(odometry)
+    if len({pose for _, pose in ordered}) < 2:
+        return np.zeros((0, 3))
+    at, poses = np.array([t for t, _ in ordered]), np.array([pose for _, pose in ordered])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return np.column_stack([np.interp(times, at, poses[:, axis]) for axis in range(3)])
+
+
+def _lines(
+    path: Path, notes: list[str]
+) -> tuple[list[_Line], list[tuple[float, Pose2]], int, float]:
+    """Scans, odometry lines, how many lines are broken, and the scanner's place ahead, m."""
+    scans: list[_Line] = []
+    odometry: list[tuple[float, Pose2]] = []
+    broken, offset = 0, 0.0
+    for words in _words(path, notes):
+        try:
+            match words[0]:
+                case "FLASER":
+                    scans.append(_flaser(words))
+                case "ROBOTLASER1":
+                    scans.append(_robotlaser(words))
+                case "ODOM":
+                    odometry.append((float(words[7]), _pose(map(float, words[1:4]))))
+                case "PARAM" if words[1] in {"robot_frontlaser_offset", "robot_front_laser_offset"}:
+                    offset = float(words[2])
+        except (ValueError, IndexError):
+            broken += 1
+    return scans, odometry, broken, offset
+
+
+def _words(path: Path, notes: list[str]) -> Iterator[list[str]]:
+    """The words of each line that has some; the file may be compressed by gzip."""
+    with path.open("rb") as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+    read = 0
+    opened = gzip.GzipFile(path) if packed else path.open("rb")
+    with cast("IO[bytes]", opened) as file:
+        try:
+            for line in file:
+                read += 1
+                words = line.decode("utf-8", "replace").split()
+                if words and not words[0].startswith("#"):
+                    yield words
+        except (EOFError, zlib.error, gzip.BadGzipFile):
+            notes.append(f"the file is cut short after {read} lines")
+
+
+def _flaser(words: Sequence[str]) -> _Line:
+    """FLASER count ranges, laser's pose, robot's pose, time, host, time of the logger."""
+    count = int(words[1])
+    if count < 2:
+        raise ValueError("no rays")
+    numbers = [float(word) for word in words[2 : 9 + count]]
+    if len(numbers) < 7 + count:
+        raise ValueError("cut short")
+    laser, robot, t = numbers[count : count + 3], numbers[count + 3 : count + 6], numbers[-1]
+    if not t and len(words) > 10 + count:
+        t = float(words[10 + count])
+    # Half a turn; with an odd number of rays the last one looks to the left, else it is missing.
+    step = pi / (count - 1 if count % 2 else count)
+    ranges = tuple(numbers[:count])
+    return _Line(t, (-pi / 2, step), None, ranges, _pose(laser), _pose(robot))
+
+
+def _robotlaser(words: Sequence[str]) -> _Line:
+    """ROBOTLASER1 with its own angles and longest range; see CARMEN's log format."""
+    first, step, longest = float(words[2]), float(words[4]), float(words[5])
+    count = int(words[8])
+    ranges = tuple(float(word) for word in words[9 : 9 + count])
+    rest = words[9 + count :]
+    rest = rest[1 + int(rest[0]) :]  # without the remissions
+    poses = [float(word) for word in rest[:6]]
+    if count < 2 or len(ranges) < count or len(poses) < 6:
+        raise ValueError("cut short")
+    laser, robot = _pose(poses[:3]), _pose(poses[3:])
+    reach = min(REACH_M, 0.99 * longest) if longest > 0.0 else None
+    return _Line(float(rest[11]), (first, step), reach, ranges, laser, robot)
+
+
+# Recordings ---------------------------------------------------------------------------------------
+
+
+def _recording(path: Path, namespace: str | None) -> Log:
+    notes: list[str] = []
+    try:
+        past = Past(path, notes.append)
+        past.check()
+        robot, found = _messages(past, namespace)
+    except RecordingError as error:
+        raise LogError(str(error).removeprefix(f"{path} "), path) from None
+    states, truths, readings, controller = [], [], [], ""
+    number = None
+    for t, message in found:
+        match message:
+            case RobotState():
+                states.append((t, message))
+            case Truth():
+                truths.append((t, message))
+            case Description():
+                controller = message.controller
+            case Scan() | Sonar() if states and states[-1][1].cycle == message.cycle:
+                if isinstance(message, Scan):
+                    again, number = message.number == number, message.number
+                    if again:
+                        continue
+                readings.append((len(states) - 1, message))
+    if not states:
+        raise LogError("holds no odometry: no state of a robot", path)
+    if not readings:
+        raise LogError("holds no scans and no sonar readings", path)
+    truths = [(t, truth) for t, truth in truths if controller in ("", truth.simulator)]
+    times = np.array([t for t, _ in states])
+    poses = np.array([(state.x, state.y, state.theta) for _, state in states])
+    ways = [(t, (truth.x, truth.y, truth.theta)) for t, truth in truths]
+    there = _interpolated(times, ways)
+    if not len(there):
+        there = np.array([ways[0][1] if ways else NONE] * len(times))
+    table = _Table(times, poses, there, tuple(dict.fromkeys(notes)))
+    kept = table.clean(path)
+    new = {int(row): at for at, row in enumerate(kept)}
+    chosen = [(new[row], message) for row, message in readings if row in new]
+    heads = [each.head for each in past.journals() if each.namespace == robot and each.head]
+    return Log(
+        path.name,
+        *(table.times, table.odometry, table.reference),
+        np.array([row for row, _ in chosen], dtype=np.intp),
+        Recorded(tuple(message for _, message in chosen)),
+        cycles=True,
+        world=next((str(w) for head in heads if (w := head.parameters.get("world"))), None),
+        profile=next((str(p) for head in heads if (p := head.parameters.get("profile"))), None),
+        notes=table.notes,
+    )
+
+
+_WANTED: Final = {f"armadico.{kind.__name__}" for kind in (RobotState, Truth, Description, Scan)}
+_WANTED.add(f"armadico.{Sonar.__name__}")
+
+
+def _messages(past: Past, namespace: str | None) -> tuple[str, list[tuple[float, Message]]]:
+    """A robot's messages with their times, s. Raises RecordingError."""
+    found: dict[str, list[tuple[float, Message]]] = {}
+    for row in past.rows():
+        if row.schema in _WANTED and (message := row.message) is not None:
+            found.setdefault(row.namespace, []).append((row.t / 1e9, message))
+    names = ", ".join(sorted(found))
+    if namespace is not None and namespace not in found:
+        raise RecordingError(f"holds nothing of the robot {namespace!r}; there are: {names}")
+    if namespace is None and len(found) > 1:
+        raise RecordingError(f"holds several robots: choose one of {names}")
+    if not found:
+        raise RecordingError("holds no odometry: no state of a robot")
+    robot = namespace or next(iter(found))
+    return robot, found[robot]

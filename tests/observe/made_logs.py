@@ -1,0 +1,98 @@
+"""Logs made here: a robot with a laser drives round a room with an alcove and a pillar."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import atan2, cos, hypot, pi, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.core.geometry import Pose2, relative
+
+CORNERS = ((0, 0), (8, 0), (8, 3), (9.5, 3), (9.5, 4.5), (8, 4.5), (8, 6), (0, 6), (0, 0))
+PILLAR = ((3.5, 2.6), (4.3, 2.6), (4.3, 3.2), (3.5, 3.2), (3.5, 2.6))
+ROUND = ((1.5, 1.2), (6.8, 1.2), (6.8, 4.8), (1.5, 4.8))
+RAYS = 90
+STEP_M, STEP_S = 0.15, 0.4
+
+Poses = list[Pose2]
+
+
+def walls() -> NDArray[np.float64]:
+    """(n, 4) the walls, m."""
+    lines = [(*a, *b) for ring in (CORNERS, PILLAR) for a, b in pairwise(ring)]
+    return np.array(lines, dtype=float)
+
+
+def driven(rounds: int = 1) -> Poses:
+    """The poses at which scans are taken."""
+    found: Poses = []
+    corners = [*ROUND] * rounds
+    for (x, y), (to_x, to_y) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        heading, way = atan2(to_y - y, to_x - x), hypot(to_x - x, to_y - y)
+        if found:
+            turn = (heading - found[-1][2] + pi) % (2 * pi) - pi
+            found += [(x, y, found[-1][2] + share * turn) for share in (0.25, 0.5, 0.75)]
+        steps = round(way / STEP_M)
+        found += [
+            (x + k / steps * (to_x - x), y + k / steps * (to_y - y), heading) for k in range(steps)
+        ]
+    return found
+
+
+def ranges(pose: Pose2) -> NDArray[np.float64]:
+    """What the laser measures: 180 degrees ahead, m."""
+    angles = pose[2] - pi / 2 + pi / RAYS * np.arange(RAYS)
+    dx, dy = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    x1, y1, x2, y2 = walls().T
+    ex, ey = x2 - x1, y2 - y1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = dx * ey - dy * ex
+        far = ((x1 - pose[0]) * ey - (y1 - pose[1]) * ex) / across
+        along = ((x1 - pose[0]) * dy - (y1 - pose[1]) * dx) / across
+    hit = (far > 0) & (along >= 0) & (along <= 1)
+    nearest: NDArray[np.float64] = np.where(hit, far, np.inf).min(axis=1)
+    return nearest
+
+
+def fields(poses: Poses | None = None, **others: Any) -> dict[str, Any]:
+    """The fields of an npz log; `others` are other than they should be."""
+    at = driven() if poses is None else poses
+    path = np.array(at)
+    found: dict[str, Any] = {
+        "t": STEP_S * np.arange(len(at)),
+        "odometry": path,
+        "reference": path,
+        "ranges": np.rint(100 * np.array([ranges(pose) for pose in at])).astype(np.uint16),
+        "scale": 0.01,
+        "angle_min": -pi / 2,
+        "angle_step": pi / RAYS,
+        "real_odometry": False,
+    }
+    return {key: value for key, value in {**found, **others}.items() if value is not None}
+
+
+def npz(path: Path, poses: Poses | None = None, **others: Any) -> Path:
+    """An npz log as a file."""
+    np.savez_compressed(path, **fields(poses, **others))
+    return path
+
+
+def moved(poses: Poses, frame: Pose2 = (3.0, -2.0, 0.7)) -> Poses:
+    """The same path in another frame, where the odometry has its own origin."""
+    return [relative(frame, pose) for pose in poses]
+
+
+def flaser(t: float, pose: Pose2, odometry: Pose2, seen: NDArray[np.float64]) -> str:
+    """A line of a CARMEN log."""
+    numbers = [f"{value:.2f}" for value in np.minimum(seen, 81.9)]
+    poses = [f"{value:.6f}" for value in (*pose, *odometry)]
+    return " ".join(["FLASER", str(len(seen)), *numbers, *poses, f"{t:.6f}", "host", f"{t:.6f}"])
+
+
+def ahead(pose: Pose2, metres: float) -> Pose2:
+    """A pose so far ahead of another."""
+    return pose[0] + metres * cos(pose[2]), pose[1] + metres * sin(pose[2]), pose[2]

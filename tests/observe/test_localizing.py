@@ -1,0 +1,215 @@
+"""A log is gone through by the agents, and the errors of what they publish are counted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from itertools import count
+from math import hypot, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armadico.config import grid_map
+from armadico.config.errors import ConfigError
+from armadico.config.grid_map import FREE, OCCUPIED
+from armadico.config.profile import load_profile
+from armadico.core.geometry import Pose2
+from armadico.observe import localizing, logs
+from armadico.observe.localizing import Chosen, Event, Moment, Track, localized, summary
+from armadico.observe.logs import Log, LogError
+from tests.observe import made_logs
+
+AGENT = "localization"
+ROBOT = "jackal"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """Two rounds, and errors of 5 % of the odometry."""
+    path = tmp_path_factory.mktemp("log") / "room.npz"
+    return logs.with_errors(logs.read(made_logs.npz(path, made_logs.driven(2))), 0.05, 3)
+
+
+@pytest.fixture(scope="module")
+def world(log: Log, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Its own map."""
+    path = tmp_path_factory.mktemp("map") / "room.yaml"
+    grid_map.save(localizing.mapped(log, "first", load_profile(ROBOT)), path)
+    return str(path)
+
+
+def chosen(log: Log, world: str, **others: object) -> Chosen:
+    values: dict[str, object] = {"readings": range(len(log)), "agent": AGENT, "seed": 1, **others}
+    return Chosen(world, ROBOT, **values)  # type: ignore[arg-type]
+
+
+def ticking() -> Callable[[], float]:
+    """A clock that goes on by a millisecond whenever it is looked at."""
+    ticks = count()
+    return lambda: 1e-3 * next(ticks)
+
+
+def test_the_map_has_the_walls_and_the_floor(log: Log) -> None:
+    cells = localizing.mapped(log, "all", load_profile(ROBOT))
+    assert cells.at(4.0, 1.2) == FREE
+    assert OCCUPIED in {cells.at(8.0 + off, 1.5) for off in (-0.05, 0.0, 0.05)}
+    assert 30.0 < cells.area(FREE) < 52.0
+
+
+def test_parts_of_a_log(log: Log) -> None:
+    def of(name: str) -> list[int]:
+        return localizing.part(log, name)
+
+    every = list(range(len(log)))
+    assert of("all") == every
+    assert sorted(of("even") + of("odd")) == of("first") + of("second") == every
+    assert of("odd")[:2] == [1, 3]
+    assert abs(len(of("first")) - len(of("second"))) <= 1
+
+
+def test_the_estimate_follows_the_reference_where_odometry_alone_does_not(
+    log: Log, world: str
+) -> None:
+    found = summary(localized(log, chosen(log, world), ticking()))
+    assert found.compared == found.scans == len(log)
+    assert found.error_median_m is not None
+    assert found.odometry_most_m is not None
+    assert found.error_median_m < 0.06 < 0.4 < found.odometry_most_m
+    assert found.lost_share == 0.0
+    assert found.wrong_sure_share == 0.0
+    assert found.metres == pytest.approx(35.6, abs=2.0)
+    assert found.scan_median_ms > 0.0
+
+
+def test_one_seed_is_one_result(log: Log, world: str) -> None:
+    few = chosen(log, world, readings=range(60))
+    first, same = (localized(log, few, float).moments for _ in range(2))
+    other = localized(log, chosen(log, world, readings=range(60), seed=2), float).moments
+    assert first == same
+    assert [one.estimate for one in first] != [one.estimate for one in other]
+
+
+def test_an_unknown_start_is_found_and_not_reported_as_known_before(log: Log, world: str) -> None:
+    track = localized(log, chosen(log, world, anywhere=True), float)
+    found = summary(track)
+    assert track.moments[0].lost
+    assert found.found_s is not None
+    assert found.found_off_m is not None
+    assert found.found_off_m < 0.3
+    assert found.events[0].event == "found"
+
+
+def test_a_start_that_is_given_counts(log: Log, world: str) -> None:
+    x, y, theta = log.where(0) or (nan,) * 3
+    to = chosen(log, world, start=(x + 0.1, y, theta), readings=range(10))
+    assert localized(log, to, float).moments[0].alone == pytest.approx((x + 0.1, y, theta), abs=0.2)
+
+
+def test_a_map_of_another_place_is_reported(log: Log) -> None:
+    found = summary(localized(log, chosen(log, "rooms-a"), float))
+    assert found.lost_share + (found.wrong_sure_share or 0.0) > 0.5
+    assert found.lost_share > 0.2
+
+
+def test_what_cannot_be_gone_through_is_refused(log: Log, world: str, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no readings"):
+        localized(log, chosen(log, world, readings=[]), float)
+    with pytest.raises(ConfigError, match="unknown key nonsense"):
+        localized(log, chosen(log, world, sets=("nonsense=1",)), float)
+    with pytest.raises(LogError, match="no correction"):
+        summary(localized(log, chosen(log, "empty", readings=range(5)), float))
+    blind = logs.read(made_logs.npz(tmp_path / "a.npz", reference=None))
+    with pytest.raises(LogError, match="name the start"):
+        localized(blind, chosen(blind, world), float)
+    with pytest.raises(LogError, match="name a map"):
+        localizing.mapped(blind, "all", load_profile(ROBOT))
+
+
+def test_without_a_reference_there_are_no_errors_and_the_rest_is_there(
+    log: Log, world: str, tmp_path: Path
+) -> None:
+    blind = logs.read(made_logs.npz(tmp_path / "a.npz", reference=None))
+    start = made_logs.driven()[0]
+    found = summary(localized(blind, chosen(blind, world, start=start), float))
+    assert found.compared == 0
+    assert found.error_median_m is None
+    assert found.off_share is None
+    assert found.lost_share == 0.0
+    assert found.deviation_median_m is not None
+
+
+# What is counted ----------------------------------------------------------------------------------
+
+
+def moment(
+    k: int, off: float, deviation: float = 0.1, *, lost: bool = False, known: bool = True
+) -> Moment:
+    at: Pose2 = (float(k), 0.0, 0.0)
+    estimate = (float(k), off, 0.1)
+    return Moment(
+        k, 2.0 * k, float(k), estimate, estimate, at if known else None, at, deviation, lost
+    )
+
+
+def test_shares_longest_times_and_events() -> None:
+    track = Track(
+        [
+            moment(0, 0.0),
+            moment(1, 0.4),
+            moment(2, 0.6),  # wrong and sure
+            moment(3, 0.6, 0.7),  # wrong, and its deviation tells
+            moment(4, 0.9, lost=True),  # wrong, and reported
+            moment(5, 0.1),
+            moment(6, 9.0, known=False),
+            moment(7, 0.4),
+        ],
+        scan_s=[0.001] * 7 + [0.003],
+        other_s=[0.2],
+    )
+    found = summary(track)
+    assert (found.scans, found.compared) == (8, 7)
+    assert found.off_share == pytest.approx(5 / 7, abs=1e-4)
+    assert (found.off_longest_s, found.off_longest_m) == (8.0, 4.0)
+    assert found.wrong_sure_share == pytest.approx(1 / 7, abs=1e-4)
+    assert found.lost_share == pytest.approx(1 / 8)
+    assert found.error_most_m == pytest.approx(0.9)
+    assert found.heading_median_deg == pytest.approx(5.73, abs=0.01)
+    assert found.scan_median_ms == pytest.approx(1.0)
+    assert found.most_ms == pytest.approx(200.0)
+    assert found.events == (Event(8.0, "lost", 4.0, 0.9, 0.9), Event(10.0, "found", 5.0, 0.1, 0.1))
+
+
+def test_a_run_that_is_lost_throughout_was_never_found() -> None:
+    found = summary(Track([moment(k, 5.0, lost=True) for k in range(4)], [0.001] * 4))
+    assert found.found_s is None
+    assert found.lost_share == 1.0
+    assert found.wrong_sure_share == 0.0
+    assert found.deviation_median_m is None
+    assert not found.events
+
+
+# Real logs ----------------------------------------------------------------------------------------
+
+FOLDER = Path(
+    os.environ.get("ARMADICO_LOGS", Path(__file__).parents[3] / "shared" / "data" / "logs")
+)
+
+
+@pytest.mark.skipif(
+    not (FOLDER / "seattle.npz").is_file(),
+    reason="no logs of real robots: set ARMADICO_LOGS to their folder",
+)
+def test_a_log_of_a_real_robot(tmp_path: Path) -> None:
+    log = logs.with_errors(logs.read(FOLDER / "seattle.npz"), 0.05, 1)
+    assert len(log) == 241
+    path = tmp_path / "map.yaml"
+    grid_map.save(localizing.mapped(log, "all", load_profile(ROBOT)), path)
+    found = summary(localized(log, chosen(log, str(path)), float))
+    assert found.error_median_m is not None
+    assert found.error_median_m < 0.1
+    assert found.wrong_sure_share == 0.0
+    last = log.where(240)
+    assert last is not None
+    assert hypot(*(np.array(last) - log.odometry[-1])[:2]) == pytest.approx(11.2, abs=0.1)

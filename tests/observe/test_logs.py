@@ -1,0 +1,322 @@
+"""Logs are read in each of their forms; what cannot be used is left out, and the log says so."""
+
+from __future__ import annotations
+
+import gzip
+from math import hypot, pi, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armadico.config.scenarios import load_scenario
+from armadico.core.geometry import Pose2
+from armadico.core.messages import Cycle, Scan, Sonar
+from armadico.core.scans import bearings_of, ranges_of
+from armadico.launch.society import Options, prepared
+from armadico.launch.virtual import Rehearsal
+from armadico.observe import logs
+from armadico.observe.logs import Log, LogError
+from tests.observe import made_logs
+
+AT = (0.0, 0.0, 0.0)
+
+
+def scan(log: Log, i: int) -> Scan:
+    found = log.readings.message(i, Cycle(1, 1), AT, 1)
+    assert isinstance(found, Scan)
+    return found
+
+
+def carmen(path: Path, lines: list[str], *, packed: bool = False) -> Path:
+    data = ("\n".join(["# made here", *lines]) + "\n").encode()
+    path.write_bytes(gzip.compress(data) if packed else data)
+    return path
+
+
+# npz ----------------------------------------------------------------------------------------------
+
+
+def test_an_npz_log_is_read_as_it_was_written(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    log = logs.read(made_logs.npz(tmp_path / "a.npz"))
+    assert len(log) == len(poses)
+    assert not log.real
+    assert not log.notes
+    assert log.known.all()
+    assert log.where(7) == pytest.approx(poses[7])
+    assert ranges_of(scan(log, 7)) == pytest.approx(made_logs.ranges(poses[7]), abs=0.006)
+    assert bearings_of(scan(log, 7))[[0, -1]] == pytest.approx([-pi / 2, pi / 2 - pi / 90])
+
+
+def test_odometry_is_interpolated_between_rows(tmp_path: Path) -> None:
+    poses: list[Pose2] = [(1.0, 1.0, 3.0), (2.0, 1.0, -3.0), (2.0, 2.0, -3.0)]
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", poses))
+    half = log.odometry_at(0.5 * made_logs.STEP_S)
+    assert half[:2] == pytest.approx((1.5, 1.0))
+    assert abs(half[2]) == pytest.approx(pi, abs=1e-6)  # the short way round
+    assert log.odometry_at(-1.0) == poses[0]
+    assert log.odometry_at(99.0) == poses[2]
+
+
+@pytest.mark.parametrize(
+    ("others", "said"),
+    [
+        ({"odometry": None}, "no field 'odometry'"),
+        ({"ranges": None}, "no field 'ranges'"),
+        ({"odometry": np.zeros((3, 3))}, "field 'odometry' is float64 (3, 3)"),
+        ({"ranges": np.zeros(3)}, "field 'ranges'"),
+        ({"t": np.array(["a"] * 127)}, "expected numbers"),
+        ({"odometry": np.full((127, 3), np.nan)}, "no odometry"),
+        ({"t": np.full(127, np.nan)}, "no odometry"),
+        ({"angle_step": 0.0}, "no scans"),
+    ],
+)
+def test_an_npz_that_is_no_log_is_refused(
+    tmp_path: Path, others: dict[str, Any], said: str
+) -> None:
+    assert len(made_logs.driven()) == 127
+    with pytest.raises(LogError) as caught:
+        logs.read(made_logs.npz(tmp_path / "a.npz", **others))
+    assert said in str(caught.value)
+    assert "a.npz" in str(caught.value)
+
+
+def test_a_log_without_rows_is_refused(tmp_path: Path) -> None:
+    none = {"t": np.zeros(0), "odometry": np.zeros((0, 3)), "reference": np.zeros((0, 3))}
+    with pytest.raises(LogError, match="holds no scans"):
+        logs.read(made_logs.npz(tmp_path / "a.npz", **none, ranges=np.zeros((0, 90))))
+    (tmp_path / "b").write_bytes(b"")
+    with pytest.raises(LogError, match="is empty"):
+        logs.read(tmp_path / "b")
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.9, 0.999])
+def test_an_npz_that_is_cut_short_is_refused(tmp_path: Path, share: float) -> None:
+    path = made_logs.npz(tmp_path / "a.npz")
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(LogError):
+        logs.read(path)
+
+
+def test_rows_without_numbers_are_left_out(tmp_path: Path) -> None:
+    path = np.array(made_logs.driven())
+    path[5], path[9, 2] = np.nan, 1e300
+    reference = np.array(made_logs.driven())
+    reference[3, 1] = np.nan
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path, reference=reference))
+    assert len(log) == len(path) - 2
+    assert len(log.notes) == 1
+    assert log.notes[0].startswith("2 of 127")
+    assert log.where(3) is None
+    assert np.flatnonzero(~log.known).tolist() == [3]
+    assert log.where(8) == pytest.approx(reference[9 + 1])
+
+
+def test_a_range_that_is_no_number_is_not_valid(tmp_path: Path) -> None:
+    seen = np.array([made_logs.ranges(pose) for pose in made_logs.driven()])
+    seen[4, :3] = np.nan, 0.0, np.inf
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", ranges=seen, scale=None))
+    first = ranges_of(scan(log, 4))[:4]
+    assert np.isnan(first[:2]).all()
+    assert np.isinf(first[2])
+    assert np.isfinite(first[3])
+
+
+def test_rows_out_of_order_are_left_out(tmp_path: Path) -> None:
+    t = made_logs.STEP_S * np.arange(127)
+    t[[20, 40]] = t[[18, 39]]
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
+    assert len(log) == 125
+    assert (np.diff(log.times) > 0).all()
+    assert log.times[-1] == pytest.approx(t[-1])
+    assert log.notes[0].startswith("2 of 127")
+
+
+@pytest.mark.parametrize("jump", [3600.0, -3600.0])
+def test_a_clock_that_jumps_is_followed(tmp_path: Path, jump: float) -> None:
+    t = made_logs.STEP_S * np.arange(127)
+    t[60:] += jump
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
+    assert len(log) == 127
+    assert (np.diff(log.times) > 0).all()
+    assert log.times[-1] < 60.0
+    assert "jumps 1 times" in log.notes[0]
+
+
+def test_the_largest_range_means_nothing_seen_where_it_is_frequent(tmp_path: Path) -> None:
+    seen = np.array([made_logs.ranges(pose) for pose in made_logs.driven()])
+    near = logs.read(made_logs.npz(tmp_path / "a.npz", ranges=np.minimum(seen, 4.0), scale=None))
+    assert np.isinf(ranges_of(scan(near, 0))).sum() == (seen[0] >= 4.0).sum() > 0
+    # Without such a frequent value the farthest wall is a wall.
+    far = logs.read(made_logs.npz(tmp_path / "b.npz", ranges=seen, scale=None))
+    assert np.isfinite(ranges_of(scan(far, 0))).all()
+    told = logs.read(tmp_path / "b.npz", reach=2.0)
+    assert np.isinf(ranges_of(scan(told, 0))).sum() == (seen[0] > 2.0).sum()
+
+
+# Errors of odometry -------------------------------------------------------------------------------
+
+
+def test_errors_are_the_seeds_and_grow_with_the_share(tmp_path: Path) -> None:
+    log = logs.read(made_logs.npz(tmp_path / "a.npz"))
+    assert logs.with_errors(log, 0.0, 1).odometry[:, :2] == pytest.approx(log.odometry[:, :2])
+    one, same = (logs.with_errors(log, 0.05, 1).odometry for _ in range(2))
+    assert (one == same).all()
+    off = {
+        share: np.mean(
+            [
+                hypot(*(logs.with_errors(log, share, seed).odometry[-1] - log.odometry[-1])[:2])
+                for seed in range(20)
+            ]
+        )
+        for share in (0.01, 0.1)
+    }
+    assert 0.02 < off[0.01] < 0.2 * off[0.1] < 2.0
+
+
+# CARMEN -------------------------------------------------------------------------------------------
+
+
+def lines(poses: list[Pose2], odometry: list[Pose2]) -> list[str]:
+    return [
+        made_logs.flaser(made_logs.STEP_S * k, pose, odo, made_logs.ranges(true))
+        for k, (pose, odo, true) in enumerate(zip(poses, odometry, made_logs.driven(), strict=True))
+    ]
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_two_unlike_poses_of_a_carmen_log_are_reference_and_odometry(
+    tmp_path: Path, packed: bool
+) -> None:
+    poses = made_logs.driven()
+    bent = [(0.9 * x, y, theta + 0.01 * k) for k, (x, y, theta) in enumerate(poses)]
+    log = logs.read(carmen(tmp_path / "a.log", lines(poses, bent), packed=packed))
+    assert log.real
+    assert log.where(9) == pytest.approx(poses[9], abs=1e-5)
+    assert log.odometry[9] == pytest.approx(bent[9], abs=1e-5)
+    assert log.times[9] == pytest.approx(9 * made_logs.STEP_S)
+    assert ranges_of(scan(log, 9)) == pytest.approx(made_logs.ranges(poses[9]), abs=0.006)
+
+
+def test_one_pose_of_a_carmen_log_is_odometry_unless_it_is_said_to_be_corrected(
+    tmp_path: Path,
+) -> None:
+    poses = made_logs.driven()
+    ahead = [made_logs.ahead(pose, 0.2) for pose in poses]
+    raw = carmen(tmp_path / "a.log", lines(ahead, poses))
+    log = logs.read(raw)
+    assert log.real
+    assert not log.known.any()
+    assert scan(log, 0).x == pytest.approx(0.2, abs=1e-5)  # where the scanner is
+    for corrected in (
+        logs.read(raw, corrected=True),
+        logs.read(carmen(tmp_path / "a.gfs.log", lines(ahead, poses))),
+    ):
+        assert not corrected.real
+        assert corrected.where(9) == pytest.approx(poses[9], abs=1e-5)
+
+
+def test_robotlaser_lines_bring_their_own_angles(tmp_path: Path) -> None:
+    made = []
+    for k, pose in enumerate(made_logs.driven()):
+        seen = " ".join(f"{value:.3f}" for value in made_logs.ranges(pose)[:60])
+        at = " ".join(f"{value:.6f}" for value in (*pose, *pose))
+        head = f"ROBOTLASER1 0 -1.0 1.2 0.02 8.0 0.01 0 60 {seen} 2 5.0 5.0"
+        made.append(f"{head} {at} 0 0 0.4 0.4 0 {k} host {k}")
+    log = logs.read(carmen(tmp_path / "a.log", made))
+    assert len(log) == 127
+    assert bearings_of(scan(log, 0))[[0, 1]] == pytest.approx([-1.0, -0.98])
+    assert log.odometry[50] == pytest.approx(made_logs.driven()[50], abs=1e-5)
+
+
+def test_broken_lines_and_other_numbers_of_rays_are_left_out(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    good = lines(poses, poses)
+    good[10] = good[10][:40]
+    good[20] = good[20].replace("FLASER 90", "FLASER many")
+    good[30] = made_logs.flaser(30 * made_logs.STEP_S, poses[30], poses[30], np.ones(45))
+    log = logs.read(carmen(tmp_path / "a.log", [*good, "ODOM", "PARAM"]))
+    assert len(log) == 124
+    assert any(note.startswith("4 lines") for note in log.notes)
+    assert any(note.startswith("1 of 125") for note in log.notes)
+
+
+def test_a_packed_log_that_is_cut_short_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    path = carmen(tmp_path / "a.log.gz", lines(poses, poses), packed=True)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    log = logs.read(path)
+    assert 20 < len(log) < 100
+    assert any("cut short" in note for note in log.notes)
+
+
+def test_odometry_lines_count_where_scans_have_no_pose(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    still = [AT] * len(poses)
+    with pytest.raises(LogError, match="no odometry"):
+        logs.read(carmen(tmp_path / "a.log", lines(still, still)))
+    beside = [
+        f"ODOM {x} {y} {theta} 0 0 0 {made_logs.STEP_S * k} host {made_logs.STEP_S * k}"
+        for k, (x, y, theta) in enumerate(poses)
+    ]
+    log = logs.read(carmen(tmp_path / "b.log", [*lines(still, still), *beside]))
+    assert log.odometry[50, :2] == pytest.approx(poses[50][:2], abs=1e-5)
+
+
+def test_a_laser_that_moves_is_the_path_where_the_robot_has_no_pose(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    log = logs.read(carmen(tmp_path / "a.log", lines(poses, [AT] * len(poses)), packed=True))
+    assert log.odometry[50] == pytest.approx(poses[50], abs=1e-5)
+
+
+@pytest.mark.parametrize("data", [b"hello\n", b"\x00\xff" * 50, b"PK\x03\x04rubbish", b"\x89MCAP0"])
+def test_what_is_no_log_is_refused(tmp_path: Path, data: bytes) -> None:
+    pytest.importorskip("mcap")
+    (tmp_path / "a").write_bytes(data)
+    with pytest.raises(LogError):
+        logs.read(tmp_path / "a")
+
+
+# Recordings ---------------------------------------------------------------------------------------
+
+
+def recorded(path: Path, robot: str) -> Path:
+    """A few seconds of scenario 4, kept."""
+    pytest.importorskip("mcap")
+    from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - an extra
+
+    options = Options(seed=11, limit=6.0)
+    run = Rehearsal(prepared(load_scenario("sc4"), options, profile=robot), options)
+    with Recorded(run.mesh, path, run.namespace):
+        run.run()
+    return path
+
+
+@pytest.mark.parametrize(("robot", "kind"), [("pioneer-2dx", Sonar), ("jackal", Scan)])
+def test_a_recording_of_a_virtual_run_is_a_log(tmp_path: Path, robot: str, kind: type) -> None:
+    path = recorded(tmp_path / "run.mcap", robot)
+    log = logs.read(path)
+    assert log.cycles
+    assert (log.world, log.profile) == ("sc4", robot)
+    assert isinstance(log.readings.message(0, Cycle(1, 1), AT, 1), kind)
+    assert np.diff(log.times) == pytest.approx(0.1, abs=0.05)
+    assert log.known.all()
+    x, y, degrees = load_scenario("sc4").start
+    assert log.where(0) == pytest.approx((x, y, radians(degrees)), abs=0.05)
+    with pytest.raises(LogError, match="there are: robot1"):
+        logs.read(path, namespace="other")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    half = logs.read(path)
+    assert 0 < len(half) < len(log)
+    assert any("cut short" in note for note in half.notes)
+
+
+def test_a_recording_without_odometry_is_refused() -> None:
+    pytest.importorskip("mcap")
+    kept = Path(__file__).parents[1] / "recordings" / "sc4.mcap"  # journals alone
+    with pytest.raises(LogError, match="no odometry"):
+        logs.read(kept)
