@@ -33,6 +33,7 @@ from msgspec import Struct
 from armadico.config.errors import ConfigError, advice
 from armadico.config.loading import read_text
 from armadico.config.worlds import (
+    LIMIT_M,
     Column,
     Door,
     Pose,
@@ -43,9 +44,6 @@ from armadico.config.worlds import (
     check_door,
     hull,
 )
-
-LIMIT_M = 1e4
-"""No coordinate of a map may be larger."""
 
 _WORD = re.compile(r'"([^"]*)"|(\S+)')
 

@@ -29,6 +29,9 @@ Column = tuple[float, float, float]
 SIDES = 12
 """Of a column's outline, which is drawn around it: no farther out than 4 % of its radius."""
 
+LIMIT_M = 1e4
+"""No coordinate of a map may be larger."""
+
 DOOR_REACH_M = 0.3
 """How far from a room its door may be: walls have a thickness in some maps."""
 
