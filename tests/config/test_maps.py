@@ -156,7 +156,7 @@ def test_bounds_hold_walls_that_a_stale_header_does_not() -> None:
             "2000 1500",
             "1000 1500",
             "my.map:15: door 'the door' at (1, 1.5) is 1.00 m from the border of room 'A'; "
-            "expected 0.3 m at the most",
+            "expected 0.30 m at the most",
         ),
     ],
 )
