@@ -33,7 +33,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from itertools import count, pairwise
+from itertools import pairwise
 from math import cos, isfinite, radians, sin
 from pathlib import Path
 
@@ -112,6 +112,7 @@ class _Reader:
         self.cell_m = POINT_M
         self.walls: list[Segment] = []
         self.start: Pose | None = None
+        self.named: Counter[str] = Counter()  # how often a name was there already
         self.goals: dict[str, Pose] = {}
         self.docks: dict[str, tuple[Pose, int]] = {}
         self.forbidden: list[Segment] = []
@@ -172,10 +173,18 @@ class _Reader:
     def goal(self, cairn: _Cairn) -> None:
         x, y, heading = cairn.pose
         heading = heading if cairn.kind.endswith("WithHeading") else 0.0
-        self.goals[_another(cairn, self.goals)] = (x, y, heading)
+        self.goals[self.called(cairn, self.goals)] = (x, y, heading)
 
     def dock(self, cairn: _Cairn) -> None:
-        self.docks[_another(cairn, self.docks)] = cairn.pose, cairn.line
+        self.docks[self.called(cairn, self.docks)] = cairn.pose, cairn.line
+
+    def called(self, cairn: _Cairn, known: Mapping[str, object]) -> str:
+        """A cairn's name, or one that none of those known has."""
+        own = name = cairn.name or cairn.kind
+        while name in known:
+            self.named[own] += 1
+            name = f"{own}-{self.named[own] + 1}"
+        return name
 
     def forbid(self, cairn: _Cairn) -> None:
         x1, y1, x2, y2 = _metres(_count(cairn.rest, 4, "X1 Y1 X2 Y2 in mm after the name"))
@@ -316,13 +325,6 @@ def _code(line: str) -> str:
     """A line without its comment."""
     found = _CODE.match(line)
     return found[0].strip() if found is not None else ""
-
-
-def _another(cairn: _Cairn, known: Mapping[str, object]) -> str:
-    """A cairn's name, as none of those that are known is called."""
-    name = cairn.name or cairn.kind
-    others = (f"{name}-{number}" for number in count(2))
-    return name if name not in known else next(other for other in others if other not in known)
 
 
 def _refuse_twice(cairn: _Cairn, known: Mapping[str, object]) -> None:

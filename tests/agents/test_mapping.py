@@ -216,7 +216,7 @@ def test_it_goes_on_with_a_saved_map_or_says_why_not(tmp_path: Path) -> None:
     (grid,) = ring.grids()
     assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
     image.unlink()
-    with pytest.raises(ConfigError, match="saved.pgm"):
+    with pytest.raises(ConfigError, match=r"saved\.pgm"):
         Mapping(Identity("mapping-2"), Parameters(resume=str(file)))
 
 
