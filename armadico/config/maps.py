@@ -42,7 +42,6 @@ from msgspec import Struct
 from armadico.config.errors import ConfigError, advice
 from armadico.config.loading import read_text
 from armadico.config.worlds import (
-    LIMIT_M,
     Column,
     Door,
     Pose,
@@ -53,6 +52,9 @@ from armadico.config.worlds import (
     check_door,
     hull,
 )
+
+LIMIT_M = 1e4
+"""No coordinate of a map may be larger."""
 
 POINT_M = 0.05
 """The least size of the cell that a point fills: scans leave gaps as wide between two points."""

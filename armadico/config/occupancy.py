@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from math import cos, isfinite, pi, sin
+from math import cos, hypot, isfinite, pi, sin
 from pathlib import Path
 from typing import Any, Final
 from warnings import catch_warnings
@@ -21,7 +21,7 @@ from PIL import Image
 
 from armadico.config.errors import ConfigError, nearest
 from armadico.config.loading import read_text
-from armadico.config.worlds import LIMIT_M, Segment, World, hull
+from armadico.config.worlds import Segment, World, hull
 
 Fields = dict[str, yaml.Node]
 """The values that a map's YAML file gives, by key."""
@@ -35,6 +35,9 @@ LONGEST: Final = 100_000
 """Bytes of the YAML file, which has ten lines."""
 
 MAX_PIXELS = 89_000_000  # Pillow warns of more, and refuses twice as many
+
+FARTHEST_M: Final = 1e5
+"""Poses on the mesh are not farther from the origin."""
 
 FORMATS: Final = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF", "WEBP")
 """Images that are read. Pillow has others, some of which start programs."""
@@ -89,14 +92,14 @@ def read_raster(path: Path | str) -> Raster:
     if not 1e-4 <= resolution <= 10.0:
         raise _wrong(fields, "resolution", "metres for one pixel, 0.0001 to 10", file)
     x, y, theta = _numbers(fields, "origin", 3, file)
-    if max(abs(x), abs(y)) > LIMIT_M:
-        expected = (
-            f"x and y within {LIMIT_M:g} m: subtract a corner of the map from UTM coordinates"
-        )
-        raise _wrong(fields, "origin", expected, file)
     if abs(theta) > 2.0 * pi:
         raise _wrong(fields, "origin", "a yaw in radians, -6.28 to 6.28", file)
     occupied, free = _judged(_pixels(fields, file), fields, file)
+    if hypot(x, y) + resolution * hypot(*occupied.shape) > FARTHEST_M:
+        expected = (
+            f"a map within {FARTHEST_M:,.0f} m of 0, 0: subtract a corner from UTM coordinates"
+        )
+        raise _wrong(fields, "origin", expected, file)
     return Raster(np.flipud(occupied), np.flipud(free), resolution, (x, y, theta))
 
 

@@ -29,9 +29,6 @@ Column = tuple[float, float, float]
 SIDES = 12
 """Of a column's outline, which is drawn around it: no farther out than 4 % of its radius."""
 
-LIMIT_M = 1e4
-"""No coordinate of a map may be larger."""
-
 ROUNDING_M = 1e-6
 """Distances that differ by less are the same: a goal written as 0.3 m from a wall has 0.3 m."""
 
