@@ -12,7 +12,7 @@ from armadico.agents.methods.mapping import Mapper
 from armadico.config import grid_map
 from armadico.config.profile import load_profile
 from armadico.core import agent
-from armadico.core.agent import Agent, Question
+from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (
     Description,
     MapRequest,
@@ -58,6 +58,7 @@ class Mapping(Agent):
         if self.p.resume:
             self._map.resume(grid_map.read(self.p.resume))
         self._published_at = float("-inf")
+        self._warned = False
 
     def on_pose(self, pose: Pose) -> None:
         """Where the readings of this cycle were taken, if they have come."""
@@ -91,6 +92,14 @@ class Mapping(Agent):
         if robot is not None:
             front, rear, side = robot.front, -robot.rear, robot.half_width
             self._map.stand(pose, ((front, side), (rear, side), (rear, -side), (front, -side)))
+        if self._map.full and not self._warned:
+            self._warned = True
+            at, most = f"({pose.x:.1f}, {pose.y:.1f})", self._map.p.size_m
+            self.log(
+                f"mapping stops at {at}: the map may be {most:g} m wide and high, and what is"
+                " beyond is left out",
+                WARNING,
+            )
         if self.now - self._published_at >= self.p.every_s:
             self._published_at = self.now
             self.publish(grid_map.message_of(self._map.cells()))

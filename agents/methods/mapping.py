@@ -66,6 +66,7 @@ class Mapper:
         self.p = settings or Settings()
         self._half = half_cone
         self._row = self._column = 0  # of the corner, in cells from where their lines begin
+        self.full = False  # something was left out, since it would make the map too large
         self._lines = (0.0, 0.0)  # m; a map that is gone on with may have cells beside our own
         self._odds: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
 
@@ -217,6 +218,7 @@ class Mapper:
         below, above, before, after = (n + more if n else 0 for n in grow)
         most = self.p.size_m / self.p.cell_m
         if rows + below + above > most or columns + before + after > most:
+            self.full = True
             return False
         self._odds = np.pad(self._odds, ((below, above), (before, after)))
         self._row -= below

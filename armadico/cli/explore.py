@@ -29,9 +29,10 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     from armadico.config.scenarios import exploring  # noqa: PLC0415 - not for --help
 
-    _check(args)
-    scenario, chosen = run_options.choose(args, somewhere=False)
-    return run.drive(args, exploring(scenario, args.within), chosen)
+    with run.answering(args):
+        _check(args)
+        scenario, chosen = run_options.choose(args, somewhere=False)
+        return run.drive(args, exploring(scenario, args.within), chosen)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -109,8 +109,9 @@ def _run(argv: Sequence[str]) -> int:
                 f" {args.mission} house), or --world MAP --start X Y DEG"
             )
         args.scenario = mission.scenario
-    scenario, chosen = run_options.choose(args, somewhere=False, mission=_path(args.mission))
-    return run.drive(args, scenario, chosen)
+    with run.answering(args):
+        scenario, chosen = run_options.choose(args, somewhere=False, mission=_path(args.mission))
+        return run.drive(args, scenario, chosen)
 
 
 def _path(named: str) -> str:

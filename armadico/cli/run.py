@@ -18,6 +18,7 @@ from armadico.cli import options, progress
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.run_options import POSE, add_options, check_watched, choose
+from armadico.config.errors import ConfigError
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
@@ -62,15 +63,48 @@ def main(argv: Sequence[str]) -> int:
         from armadico.cli import watch  # noqa: PLC0415 - not for --help
 
         return watch.main([word for word in argv if word != "--watch"])
-    scenario, chosen = choose(args)
-    if scenario.tasks:
-        from armadico.cli import fleet  # noqa: PLC0415 - not for --help
+    with answering(args):
+        scenario, chosen = choose(args)
+        if scenario.tasks:
+            from armadico.cli import fleet  # noqa: PLC0415 - not for --help
 
-        return fleet.drive(args, scenario, chosen)
-    for option, given in (("--replace", args.replace), (f"--robots {args.robots}", args.robots)):
-        if given not in (None, False):
-            raise UsageError(f"{option}: {scenario.name} has no tasks for a fleet")
-    return drive(args, scenario, chosen)
+            return fleet.drive(args, scenario, chosen)
+        for option, given in ("--replace", args.replace), (f"--robots {args.robots}", args.robots):
+            if given not in (None, False):
+                raise UsageError(f"{option}: {scenario.name} has no tasks for a fleet")
+        return drive(args, scenario, chosen)
+
+
+@contextmanager
+def answering(args: argparse.Namespace) -> Iterator[None]:
+    """With `--json`, print a result for a run that is refused, too: `why` has the reason."""
+    try:
+        yield
+    except (UsageError, ConfigError, SocietyError) as error:
+        if args.json:
+            _print_json([_not_driven(args, str(error))], several=args.runs is not None)
+        raise
+
+
+def _not_driven(args: argparse.Namespace, why: str) -> Result:
+    from armadico.observe.measures import Result  # noqa: PLC0415 - not for --help
+
+    mission: str | None = getattr(args, "mission", None)
+    return Result(
+        scenario=Path(args.scenario or args.world or "empty").stem,
+        seed=args.seed,
+        reached=False if mission is None else None,
+        td_m=0.0,
+        fo_deg=None,
+        tt_s=0.0,
+        p_percent=None,
+        shares={},
+        exchanges=0,
+        collisions=None,
+        min_clearance_m=None,
+        why=why,
+        done=None if mission is None else False,
+    )
 
 
 def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:

@@ -157,6 +157,10 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
 
 def _started(args: argparse.Namespace, scenario: Scenario | None) -> Scenario | None:
     """The scenario with the start that is given. Raises UsageError, ConfigError."""
+    from armadico.config.worlds import bare  # noqa: PLC0415 - not for --help
+
+    if scenario is not None and (warning := bare(scenario.world)):
+        options.say(warning)
     start = pose("start", args.start)
     if start is None:
         return scenario

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
@@ -21,7 +22,6 @@ from armadico.config.mapwriter import format_map
 from armadico.config.occupancy import (
     MAX_WALLS,
     Raster,
-    quoted,
     read_raster,
     walls_in,
     world_of,
@@ -155,11 +155,15 @@ def save(cells: Cells, path: Path) -> list[Path]:
     image = path.with_suffix(".pgm")
     rows, columns = cells.states.shape
     pixels = PIXELS[np.flipud(cells.states)]
-    text = (
-        f"image: {quoted(image.name)}\nresolution: {cells.cell_m:.6g}\n"
-        f"origin: [{cells.x:.6f}, {cells.y:.6f}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    about = {
+        "image": image.name,
+        "resolution": float(f"{cells.cell_m:.6g}"),
+        "origin": [round(cells.x, 6), round(cells.y, 6), 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    text = yaml.safe_dump(about, sort_keys=False, default_flow_style=None, allow_unicode=True)
     head = f"P5\n{columns} {rows}\n255\n"
     write_files({path: text.encode(), image: head.encode() + pixels.tobytes()})
     return [path, image]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -86,18 +87,23 @@ def load_entry(path: Path | str, kind: type[T], name: str) -> T:
     return entries[name]
 
 
-def read_text(path: Path | str) -> str:
-    """The text of a file. Raises ConfigError."""
+def read_text(path: Path | str, longest: int = LONGEST, or_else: str | None = None) -> str:
+    """The text of a file in UTF-8 or `or_else`, without a byte order mark. Raises ConfigError."""
     try:
         with Path(path).open("rb") as file:  # a device may have no end
-            data = file.read(LONGEST + 1)
-        if len(data) > LONGEST:
-            raise ConfigError(f"has more than {LONGEST // 1_000_000} MB: no configuration", path)
-        return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+            data = file.read(longest + 1)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", path) from None
+    if len(data) > longest:
+        raise ConfigError(f"has more than {longest:,} bytes: no configuration", path)
+    coded = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
+    try:
+        text = data.decode(coded)
     except UnicodeDecodeError:
-        raise ConfigError("is not a text in UTF-8", path) from None
+        if or_else is None:
+            raise ConfigError("is not a text in UTF-8", path) from None
+        text = data.decode(or_else)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def parse(text: str, kind: type[T], file: Path | str = "<text>") -> T:

@@ -2,6 +2,9 @@
 
 They are in millimetres and degrees; a `World` is in SI units.
 
+The first line that is no comment is `2D-Map`, or `2D-Map-Ex` to `2D-Map-Ex4`. In these, the
+keywords of a source begin with its name (`LMS1NumLines:`, `LMS1LINES`); all sources become one map.
+
 What is read: the header (`LineMinPos:`, `LineMaxPos:`, `NumLines:`), `LINES`, and these `Cairn:`
 lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2]`:
 
@@ -9,20 +12,26 @@ lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2
 | --- | --- |
 | `RobotHome` | where the robot starts |
 | `Goal`, `GoalWithHeading` | a named goal; the heading of the former is 0 |
+| `StandbyGoal`, `StandbyGoalWithHeading` | the same |
 | `Dock`, `DockPioneer` | where the robot is charged: the pose of one that stands in it |
 | `ForbiddenArea`, `ForbiddenLine` | where no way leads: a rectangle or a line, turned about 0, 0 |
 | `ArmadicoRoom` | a room: NAME and its rectangle |
 | `ArmadicoDoor` | a door: NAME, its middle, and the DESCRIPTION is its two rooms, `"A corridor"` |
 | `ArmadicoColumn` | something round: its middle, and the DESCRIPTION is its radius in mm |
 
-The last three are ours: other programs skip types that they do not know. So do we: everything else
-(laser points after `DATA`, say) is passed over. ARIA cuts a line at `;` or `#`,
-and so these begin a comment here too, from the second line on: the first must be `2D-Map`.
+The last three are ours. Other types and keywords are skipped. A second goal or dock of one name is
+called `NAME-2`; one without a name is called as its type.
+
+A map without `LINES` has the points after `DATA` as walls: cells of `Resolution:`, at least
+`POINT_M`, that hold a point. In a map with `LINES` the points are skipped.
+
+A comment begins at `;` or `#` outside quotes.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
@@ -47,25 +56,38 @@ from armadico.config.worlds import (
 LIMIT_M = 1e4
 """No coordinate of a map may be larger."""
 
+POINT_M = 0.05
+"""The least size of the cell that a point fills: scans leave gaps as wide between two points."""
+
+_FIRST = re.compile(r"2D-Map(-Ex[234]?)?", re.IGNORECASE)
 _WORD = re.compile(r'"([^"]*)"|(\S+)')
+_CODE = re.compile(r'(?:"[^"]*"|[^#;])*')  # of a line, without a comment
+_SECTION = re.compile(r"(.*?)[-_]?(LINES|DATA)")
+_HEADER = re.compile(r"(.*?)[-_]?(LineMinPos|LineMaxPos|NumLines|Resolution):")
 
 
 def read_map(path: Path | str) -> World:
     """The world in an ARIA `.map` file. Raises ConfigError with file and line."""
-    return parse_map(read_text(path), Path(path).stem, path)
+    return parse_map(read_text(path, or_else="latin-1"), Path(path).stem, path)
 
 
 def parse_map(text: str, name: str, file: Path | str = "<text>") -> World:
     """The world in the text of a `.map` file. Raises ConfigError with the line."""
-    lines = text.splitlines()
-    if not lines or lines[0].strip() != "2D-Map":
-        raise ConfigError("not an ARIA map; expected 2D-Map in the first line", file, 1)
     reader = _Reader()
-    for number, line in enumerate(lines[1:], start=2):
-        try:
-            reader.line(re.split("[;#]", line, maxsplit=1)[0].strip(), number)
-        except ConfigError as error:
-            raise ConfigError(error.message, file, number) from None
+    begun = False
+    for number, line in enumerate(text.splitlines(), start=1):
+        code = _code(line)
+        if begun:
+            try:
+                reader.line(code, number)
+            except ConfigError as error:
+                raise ConfigError(error.message, file, number) from None
+        elif code:
+            begun = _FIRST.fullmatch(code) is not None
+            if not begun:
+                break
+    if not begun:
+        raise ConfigError("not an ARIA map; expected 2D-Map in the first line", file, 1)
     return reader.finish(name, file)
 
 
@@ -84,11 +106,15 @@ class _Reader:
     """What has been read of a map so far."""
 
     def __init__(self) -> None:
-        self.section = ""
+        self.section = self.source = ""
         self.corners: list[float] = []
-        self.announced: tuple[int, int] | None = None  # NumLines and where it stands
+        self.announced: dict[str, tuple[int, int]] = {}  # by source: NumLines and where it stands
+        self.counted: Counter[str] = Counter()
+        self.points: list[tuple[float, float]] = []
+        self.cell_m = POINT_M
         self.walls: list[Segment] = []
         self.start: Pose | None = None
+        self.named: Counter[str] = Counter()  # how often a name was there already
         self.goals: dict[str, Pose] = {}
         self.docks: dict[str, tuple[Pose, int]] = {}
         self.forbidden: list[Segment] = []
@@ -100,19 +126,35 @@ class _Reader:
         words = [quoted or plain for quoted, plain in _WORD.findall(line)]
         if not words:
             return
-        if words[0] in ("LINES", "DATA"):
-            self.section = words[0]
+        section = _SECTION.fullmatch(words[0]) if len(words) == 1 else None
+        if section is not None:
+            self.source, self.section = section.groups()
         elif words[0] == "Cairn:":
             self.cairn(words[1:], number)
-        elif words[0] in ("LineMinPos:", "LineMaxPos:"):
-            self.corners += _metres(_count(words[1:], 2, "X Y in mm"))
-        elif words[0] == "NumLines:":
-            self.announced = int(_number(_count(words[1:], 1, "a number of lines")[0])), number
-        elif self.section == "LINES" and not words[0].endswith(":"):
+        elif words[0].endswith(":"):
+            self.header(words[0], words[1:], number)
+        elif self.section == "LINES":
             x1, y1, x2, y2 = _metres(_count(words, 4, "X1 Y1 X2 Y2 in mm"))
             self.walls.append((x1, y1, x2, y2))
-        elif self.section != "DATA" and not words[0].endswith(":"):
+            self.counted[self.source] += 1
+        elif self.section != "DATA":
             raise ConfigError(f"{line!r}: expected `Keyword: ...`, LINES or DATA")
+        elif not self.walls:
+            x, y = _metres(_count(words, 2, "X Y in mm"))
+            self.points.append((x, y))
+
+    def header(self, keyword: str, words: list[str], number: int) -> None:
+        known = _HEADER.fullmatch(keyword)
+        if known is None:
+            return
+        source, kind = known.groups()
+        if kind == "NumLines":
+            announced = _number(_count(words, 1, "a number of lines")[0])
+            self.announced[source] = int(announced), number
+        elif kind == "Resolution":
+            self.cell_m = max(self.cell_m, *_metres(_count(words, 1, "mm")))
+        else:
+            self.corners += _metres(_count(words, 2, "X Y in mm"))
 
     def cairn(self, words: list[str], line: int) -> None:
         kind = words[0] if words else ""
@@ -132,12 +174,19 @@ class _Reader:
 
     def goal(self, cairn: _Cairn) -> None:
         x, y, heading = cairn.pose
-        _refuse_twice(cairn, self.goals)
-        self.goals[cairn.name] = (x, y, heading if cairn.kind == "GoalWithHeading" else 0.0)
+        heading = heading if cairn.kind.endswith("WithHeading") else 0.0
+        self.goals[self.called(cairn, self.goals)] = (x, y, heading)
 
     def dock(self, cairn: _Cairn) -> None:
-        _refuse_twice(cairn, self.docks)
-        self.docks[cairn.name] = cairn.pose, cairn.line
+        self.docks[self.called(cairn, self.docks)] = cairn.pose, cairn.line
+
+    def called(self, cairn: _Cairn, known: Mapping[str, object]) -> str:
+        """A cairn's name, or one that none of those known has."""
+        own = name = cairn.name or cairn.kind
+        while name in known:
+            self.named[own] += 1
+            name = f"{own}-{self.named[own] + 1}"
+        return name
 
     def forbid(self, cairn: _Cairn) -> None:
         x1, y1, x2, y2 = _metres(_count(cairn.rest, 4, "X1 Y1 X2 Y2 in mm after the name"))
@@ -175,15 +224,20 @@ class _Reader:
         self.columns.append((*cairn.pose[:2], radius))
 
     def finish(self, name: str, file: Path | str) -> World:
-        if self.announced is not None and self.announced[0] != len(self.walls):
-            message = f"NumLines: {self.announced[0]}, but there are {len(self.walls)} LINES"
-            raise ConfigError(message, file, self.announced[1])
+        for source, (announced, number) in self.announced.items():
+            there = self.counted[source]
+            if announced != there:
+                message = f"{source}NumLines: {announced}, but there are {there} LINES"
+                raise ConfigError(message, file, number)
         for door, number in self.doors.values():
             try:
                 check_door(door, self.rooms)
             except ConfigError as error:
                 raise ConfigError(error.message, file, number) from None
-        walls = tuple(self.walls)
+        try:
+            walls = tuple(self.walls) if self.walls else self._of_points()
+        except ConfigError as error:
+            raise ConfigError(error.message, file) from None
         docks = {dock: pose for dock, (pose, _) in self.docks.items()}
         doors = tuple(door for door, _ in self.doors.values())
         rooms = tuple(self.rooms.values())
@@ -192,7 +246,8 @@ class _Reader:
         around = tuple((x - r, y - r, x + r, y + r) for x, y, r in columns)
         bounds = self._bounds(walls + forbidden + around)
         world = World(
-            *(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden, docks, columns)
+            *(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden, docks, columns),
+            solid=bool(walls) and not self.walls,
         )
         for dock, (pose, number) in self.docks.items():
             try:
@@ -200,6 +255,25 @@ class _Reader:
             except ConfigError as error:
                 raise ConfigError(error.message, file, number) from None
         return world
+
+    def _of_points(self) -> tuple[Segment, ...]:
+        """The borders of the cells that have a point. Raises ConfigError if they are too many."""
+        if not self.points:
+            return ()
+        import numpy as np  # noqa: PLC0415 - other maps do without
+
+        from armadico.config.occupancy import MAX_PIXELS, Raster, world_of  # noqa: PLC0415
+
+        cells = np.rint(np.array(self.points) / self.cell_m).astype(np.int64)
+        low = cells.min(axis=0) - 1
+        columns, rows = cells.max(axis=0) - low + 2
+        if columns * rows > MAX_PIXELS:
+            wide = f"{columns * self.cell_m:.0f} m x {rows * self.cell_m:.0f} m"
+            raise ConfigError(f"its points cover {wide}: expected at most {MAX_PIXELS:,} cells")
+        occupied = np.zeros((rows, columns), dtype=np.bool_)
+        occupied[cells[:, 1] - low[1], cells[:, 0] - low[0]] = True
+        x, y = ((low - 0.5) * self.cell_m).tolist()
+        return world_of(Raster(occupied, ~occupied, self.cell_m, (x, y, 0.0)), "").walls
 
     def _bounds(self, walls: tuple[Segment, ...]) -> Segment:
         """The header's corners, and whatever sticks out of them."""
@@ -212,6 +286,8 @@ CAIRNS: dict[str, Callable[[_Reader, _Cairn], None]] = {
     "RobotHome": _Reader.home,
     "Goal": _Reader.goal,
     "GoalWithHeading": _Reader.goal,
+    "StandbyGoal": _Reader.goal,
+    "StandbyGoalWithHeading": _Reader.goal,
     "Dock": _Reader.dock,
     "DockPioneer": _Reader.dock,
     "ForbiddenArea": _Reader.forbid,
@@ -245,6 +321,12 @@ def _count(words: list[str], count: int, expected: str) -> list[str]:
     if len(words) < count:
         raise ConfigError(f"{' '.join(words)!r}: expected {expected}")
     return words[:count]
+
+
+def _code(line: str) -> str:
+    """A line without its comment."""
+    found = _CODE.match(line)
+    return found[0].strip() if found is not None else ""
 
 
 def _refuse_twice(cairn: _Cairn, known: Mapping[str, object]) -> None:

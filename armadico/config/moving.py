@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import fields
 
-from armadico.config.worlds import World
+from armadico.config.worlds import ROUNDING_M, World, apart
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Seconds = Annotated[float, Meta(ge=0, le=1e6)]
@@ -70,9 +70,10 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         at, clearance = f"a person at ({x:g}, {y:g})", world.clearance(x, y)
         if world.outlines and not world.inside(x, y):
             yield "at", f"{at} is outside the world {world.name!r}"
-        elif clearance < self.radius:
-            expected = f"expected at least the radius, {self.radius:g} m"
-            yield "at", f"{at} is {clearance:.2f} m from a wall of {world.name!r}; {expected}"
+        elif clearance < self.radius - ROUNDING_M:
+            near, least = apart(clearance, self.radius)
+            expected = f"expected at least the radius, {least} m"
+            yield "at", f"{at} is {near} m from a wall of {world.name!r}; {expected}"
         elif hypot(x - start[0], y - start[1]) < self.radius + circle:
             yield "at", f"{at} stands where the robot starts"
 

@@ -1,46 +1,56 @@
-"""Maps of a ROS map_server: a small YAML file and an image. Occupied cells become walls.
+"""Maps of a ROS map_server: a YAML file and an image. Occupied cells become walls.
 
-The YAML is flat, `key: value`, so a few lines read it and no YAML library is needed. Pixels are
-judged as map_server does in its trinary mode; unknown cells are not walls.
+Pixels are judged as Nav2's map_server does, in its three modes: a cell's shade is the mean of its
+colour channels, thresholds belong to what they bound, and a cell that is not opaque is unknown
+(except in `raw`, which has no alpha). Unknown cells are not walls.
 """
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Callable
-from contextlib import suppress
+import os
 from dataclasses import dataclass
-from math import cos, isfinite, sin
+from math import cos, hypot, isfinite, pi, sin
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from warnings import catch_warnings
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, nearest
 from armadico.config.loading import read_text
 from armadico.config.worlds import Segment, World, hull
 
-Fields = dict[str, tuple[str, int]]
-"""What a key says, and in which line."""
+Fields = dict[str, yaml.Node]
+"""The values that a map's YAML file gives, by key."""
 
 REQUIRED = ("image", "resolution", "origin")
 OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
+MODES = ("trinary", "scale", "raw")
+YES_OR_NO = {"0": False, "false": False, "no": False, "1": True, "true": True, "yes": True}
+
+LONGEST: Final = 100_000
+"""Bytes of the YAML file, which has ten lines."""
+
 MAX_PIXELS = 89_000_000  # Pillow warns of more, and refuses twice as many
+
+FARTHEST_M: Final = 1e5
+"""Poses on the mesh are not farther from the origin."""
+
+FORMATS: Final = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF", "WEBP")
+"""Images that are read. Pillow has others, some of which start programs."""
+
+SUFFIXES: Final = (".pgm", ".png", ".bmp", ".pbm", ".ppm", ".gif", ".jpg", ".jpeg", ".tif", ".tiff")
+"""How images beside a map end, one of which may be meant."""
+
+COLOURS: Final = {"LA", "RGB", "RGBA"}
+"""Modes of Pillow with several channels that are read as they are."""
 
 MAX_WALLS = 200_000
 """Borders of occupied cells, in runs: a building of 100 m x 100 m that was mapped with noise has a
 tenth of them. Of a picture that is no map there are millions, and every agent would read them."""
-
-_PLAIN = re.compile(r"[\w.][\w .()+-]*")
-_QUOTED: tuple[tuple[re.Pattern[str], Callable[[str], str]], ...] = (
-    (re.compile(r'("(?:[^"\\]|\\.)*")\s*(?:#.*)?'), json.loads),
-    (re.compile(r"('(?:[^']|'')*')\s*(?:#.*)?"), lambda text: text[1:-1].replace("''", "'")),
-)
-"""A value in quotes, with a comment behind it, if any; and what it says."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +63,21 @@ class Raster:
     origin: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class _Pixels:
+    """An image's pixels, the top row first: black is 0, white is `most`."""
+
+    values: NDArray[Any]
+    most: int
+    opaque: NDArray[np.bool_] | None = None  # None: all are
+
+
 def read_occupancy(path: Path | str) -> World:
     """The world in a map_server's YAML file and its image. Raises ConfigError with the line."""
     raster = read_raster(path)
+    if not raster.occupied.any() and not raster.free.any():
+        fault = "all of its cells are unknown: are occupied_thresh, free_thresh, negate and mode"
+        raise ConfigError(f"{fault} right?", path)
     try:
         return world_of(raster, Path(path).stem)
     except ConfigError as error:
@@ -65,15 +87,20 @@ def read_occupancy(path: Path | str) -> World:
 def read_raster(path: Path | str) -> Raster:
     """The cells in a map_server's YAML file and its image. Raises ConfigError with the line."""
     file = Path(path)
-    fields = _fields(read_text(file), file)
-    resolution = _numbers(fields, "resolution", 1, file)[0]
+    fields = _fields(read_text(file, LONGEST), file)
+    (resolution,) = _numbers(fields, "resolution", 1, file)
     if not 1e-4 <= resolution <= 10.0:
         raise _wrong(fields, "resolution", "metres for one pixel, 0.0001 to 10", file)
     x, y, theta = _numbers(fields, "origin", 3, file)
-    dark = _dark(_image(fields, file), fields, file)
-    occupied = dark > _numbers(fields, "occupied_thresh", 1, file)[0]
-    free = dark < _numbers(fields, "free_thresh", 1, file)[0]
-    return Raster(np.asarray(occupied), np.asarray(free), resolution, (x, y, theta))
+    if abs(theta) > 2.0 * pi:
+        raise _wrong(fields, "origin", "a yaw in radians, -6.28 to 6.28", file)
+    occupied, free = _judged(_pixels(fields, file), fields, file)
+    if hypot(x, y) + resolution * hypot(*occupied.shape) > FARTHEST_M:
+        expected = (
+            f"a map within {FARTHEST_M:,.0f} m of 0, 0: subtract a corner from UTM coordinates"
+        )
+        raise _wrong(fields, "origin", expected, file)
+    return Raster(np.flipud(occupied), np.flipud(free), resolution, (x, y, theta))
 
 
 def world_of(raster: Raster, name: str) -> World:
@@ -97,86 +124,161 @@ def world_of(raster: Raster, name: str) -> World:
     return World(name, walls, bounds, solid=True)
 
 
-def quoted(text: str) -> str:
-    """A string as a YAML value: as it is if YAML takes it for that, else in quotes."""
-    if _PLAIN.fullmatch(text) and text.strip() == text:
-        return text
-    said = json.dumps(text, ensure_ascii=False)
-    return re.sub("[\x7f\x85\u2028\u2029]", lambda found: f"\\u{ord(found[0]):04x}", said)
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """YAML as nodes. An alias of a list or a table is an error: a few may stand for millions."""
 
-
-def _unquoted(value: str) -> str:
-    """What a YAML value says."""
-    for pattern, plain in _QUOTED:
-        found = pattern.fullmatch(value)
-        if found is not None:
-            with suppress(ValueError):
-                return plain(found[1])
-    return value.split(" #", maxsplit=1)[0].strip()
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        alias = self.peek_event() if self.check_event(yaml.AliasEvent) else None
+        node: yaml.Node | None = super().compose_node(parent, index)
+        if alias is not None and not isinstance(node, yaml.ScalarNode):
+            fault = "aliases of lists and tables are not read"
+            raise yaml.MarkedYAMLError(problem=fault, problem_mark=alias.start_mark)
+        return node
 
 
 def _fields(text: str, file: Path) -> Fields:
+    try:  # a tab between a key and its value is YAML, and PyYAML does not read it
+        root = _Loader(text.replace("\t", " ")).get_single_node()
+    except RecursionError:
+        raise ConfigError("not YAML: lists and tables too deep within each other", file) from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        fault = getattr(error, "problem", None) or getattr(error, "reason", "not readable")
+        line = mark.line + 1 if mark is not None else None
+        raise ConfigError(f"not YAML: {fault}", file, line) from None
+    needs = f"a map needs {', '.join(REQUIRED)}"
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError(f"not a map's YAML: expected keys and values; {needs}", file, 1)
     fields: Fields = {}
-    for number, line in enumerate(text.split("\n"), start=1):
-        content = line.strip()
-        if not content or content.startswith(("#", "---")):
-            continue
-        key, colon, value = content.partition(":")
-        if not colon:
-            raise ConfigError(f"{content!r}: expected `key: value`", file, number)
-        if key.strip() in (*REQUIRED, *OPTIONAL):
-            fields[key.strip()] = _unquoted(value.strip()), number
-    for key in REQUIRED:
-        if key not in fields:
-            raise ConfigError(f"missing key {key}; a map needs {', '.join(REQUIRED)}", file, 1)
-    return {key: (value, 1) for key, value in OPTIONAL.items()} | fields
+    for key, value in root.value:
+        name = key.value if isinstance(key, yaml.ScalarNode) else ""
+        if name in fields:
+            raise ConfigError(f"key {name} is there twice", file, key.start_mark.line + 1)
+        if name in (*REQUIRED, *OPTIONAL):
+            fields[name] = value
+    for name in REQUIRED:
+        if name not in fields:
+            raise ConfigError(f"missing key {name}; {needs}", file, 1)
+    return fields
+
+
+def _word(fields: Fields, key: str) -> str:
+    """A value as text; of a list or a table, and without a value, it is empty."""
+    node = fields.get(key)
+    if node is None:
+        return OPTIONAL[key]
+    return str(node.value) if isinstance(node, yaml.ScalarNode) else ""
 
 
 def _numbers(fields: Fields, key: str, count: int, file: Path) -> list[float]:
-    words = fields[key][0].strip("[]").split(",")
+    node = fields.get(key)
+    nodes = [node] if count == 1 else getattr(node, "value", [])
     try:
-        numbers = [float(word) for word in words]
+        numbers = [_number(_word({key: one}, key)) for one in nodes]
     except ValueError:
         numbers = []
-    if len(numbers) != count or not all(map(isfinite, numbers)):
+    if len(numbers) != count or isinstance(node, yaml.MappingNode):
         expected = "a number" if count == 1 else "[x, y, yaw] in metres and radians"
         raise _wrong(fields, key, expected, file)
+    if not all(map(isfinite, numbers)):
+        raise _wrong(fields, key, "finite numbers", file)
     return numbers
 
 
+def _number(word: str) -> float:
+    """A number as YAML writes it. Raises ValueError."""
+    sign, dot, name = word.lower().partition(".")
+    return float(sign + name if dot and name in ("inf", "nan") else word)
+
+
+def _share(fields: Fields, key: str, file: Path) -> float:
+    if key not in fields:
+        return float(OPTIONAL[key])
+    (share,) = _numbers(fields, key, 1, file)
+    if not 0.0 <= share <= 1.0:
+        raise _wrong(fields, key, "0 to 1; 65 % is 0.65", file)
+    return share
+
+
 def _wrong(fields: Fields, key: str, expected: str, file: Path) -> ConfigError:
-    value, line = fields[key]
-    return ConfigError(f"{key}: {value}: expected {expected}", file, line)
+    """An error that quotes a value as it is written."""
+    begin, end = fields[key].start_mark, fields[key].end_mark
+    written = " ".join(str(begin.buffer)[begin.pointer : end.pointer].split())
+    shown = written if len(written) <= 60 else written[:57] + "..."
+    return ConfigError(f"{key}: {shown}: expected {expected}", file, begin.line + 1)
 
 
-def _image(fields: Fields, file: Path) -> NDArray[np.uint8]:
-    """The pixels, grey, the bottom row first."""
-    path = file.parent / fields["image"][0]
-    if not path.is_file():
-        beside = [p.name for p in file.parent.iterdir() if p.suffix in (".pgm", ".png")]
-        raise _wrong(fields, "image", f"an image here; {advice(path.name, beside)}", file)
+def _pixels(fields: Fields, file: Path) -> _Pixels:
+    path = file.parent / _word(fields, "image")
+    if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for a name that is too long
+        folder = path.parent if path.parent.is_dir() else file.parent
+        near = nearest(path.name, [p.name for p in folder.iterdir() if p.suffix in SUFFIXES])
+        hint = f"; did you mean {near!r}?" if near else ""
+        expected = f"the path of an image, counted from {str(file.parent)!r}{hint}"
+        raise _wrong(fields, "image", expected, file)
     try:
-        with (
-            catch_warnings(action="ignore", category=Image.DecompressionBombWarning),
-            Image.open(path) as image,
-        ):
+        with catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:
             if image.width * image.height > MAX_PIXELS:
                 raise Image.DecompressionBombError
-            return np.flipud(np.asarray(image.convert("L")))
+            return _decoded(image)
     except Image.DecompressionBombError:
-        raise _wrong(fields, "image", f"at most {MAX_PIXELS} pixels", file) from None
-    except (OSError, SyntaxError, ValueError):
-        raise _wrong(fields, "image", "a PGM or PNG image that can be read", file) from None
+        raise _wrong(fields, "image", f"at most {MAX_PIXELS:,} pixels", file) from None
+    except Exception as error:  # a decoder raises what it likes of a damaged file
+        with path.open("rb") as opened:
+            pointer = opened.read(7) == b"version"
+        why = "a Git LFS pointer; `git lfs pull` fetches the image" if pointer else str(error)
+        expected = f"an image that can be read ({', '.join(FORMATS)}): {why}"
+        raise _wrong(fields, "image", expected, file) from None
 
 
-def _dark(pixels: NDArray[np.uint8], fields: Fields, file: Path) -> NDArray[np.floating[Any]]:
-    """How likely each cell is occupied, by its grey."""
-    if fields["mode"][0] not in ("trinary", "scale"):
-        raise _wrong(fields, "mode", "trinary or scale", file)
-    if fields["negate"][0] not in ("0", "1", "false", "true"):
+def _decoded(image: Image.Image) -> _Pixels:
+    """The pixels in their full depth. Raises ValueError, or what the decoder raises."""
+    image.load()
+    clear = image.info.get("transparency")
+    if image.mode == "1" and clear is None:
+        return _Pixels(np.asarray(image).astype(np.uint8), 1)
+    if image.mode.startswith("I"):
+        bits = getattr(image, "tag_v2", {}).get(258, (16,))[0]  # Pillow does not scale 12 bits
+        most, values = 2 ** min(int(bits), 16) - 1, np.asarray(image)
+        if values.min() < 0 or values.max() > most:
+            raise ValueError("grey of more than 16 bits")
+        return _Pixels(values, most, values != clear if isinstance(clear, int) else None)
+    if image.mode == "F":
+        raise ValueError("grey in floating point")
+    if clear is not None or image.mode in ("PA", "La", "RGBa"):
+        image = image.convert("RGBA")
+    elif image.mode not in {"L", *COLOURS}:
+        image = image.convert("RGB")
+    pixels = np.asarray(image)
+    if image.mode == "L":
+        return _Pixels(pixels, 255)
+    channels = {"LA": 1}.get(image.mode, 3)
+    opaque = pixels[..., -1] == 255 if pixels.shape[-1] > channels else None
+    shades = pixels[..., :channels].sum(axis=2, dtype=np.uint16)
+    return _Pixels(shades, 255 * channels, opaque)
+
+
+def _judged(
+    pixels: _Pixels, fields: Fields, file: Path
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which pixels are occupied and which are free."""
+    mode, negate = (_word(fields, key).lower() for key in ("mode", "negate"))
+    if mode not in MODES:
+        raise _wrong(fields, "mode", f"one of {', '.join(MODES)}", file)
+    if negate not in YES_OR_NO:
         raise _wrong(fields, "negate", "0 or 1", file)
-    share = pixels / 255.0
-    return 1.0 - share if fields["negate"][0] in ("0", "false") else share
+    levels = np.arange(pixels.most + 1)
+    if mode == "raw":  # a grey of 0 to 100 of 255 is the cell's value in per cent
+        odds = np.rint(255.0 * levels / pixels.most) / 100.0
+        odds[odds > 1.0] = np.nan
+    else:
+        odds = (levels if YES_OR_NO[negate] else pixels.most - levels) / pixels.most
+    occupied = (odds >= _share(fields, "occupied_thresh", file))[pixels.values]
+    free = (odds <= _share(fields, "free_thresh", file))[pixels.values] & ~occupied
+    if pixels.opaque is not None and mode != "raw":
+        occupied &= pixels.opaque
+        free &= pixels.opaque
+    return occupied, free
 
 
 def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:

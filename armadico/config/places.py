@@ -18,6 +18,9 @@ from armadico.config.worlds import Room, Segment, World
 CELL_M: Final = 0.05
 """Of the grid on which it is looked what can be got to."""
 
+CELLS_MOST: Final = 16_000_000
+"""Of that grid: in a larger world, of more than 200 m x 200 m, every place counts as joined."""
+
 STEP_M: Final = 0.1
 """Of the places in a room that are looked at, its middle first."""
 
@@ -66,12 +69,18 @@ class Places:
 
     def unreachable(self, start: tuple[float, float], names: Iterable[str]) -> Iterable[str]:
         """Those of some places to which no way from a start is as wide as the robot."""
-        known = self.world.barriers and all(map(isfinite, start))
-        regions = self._around(*self._cell(*start)) if known else set()
         for name in names:
             x, y, _ = self.of(name)
-            if known and self._regions[self._cell(x, y)] not in regions:
+            if not self.joined(start, (x, y)):
                 yield name
+
+    def joined(self, start: tuple[float, float], place: tuple[float, float]) -> bool:
+        """Whether some way between two points is as wide as the robot, or it is not known."""
+        x1, y1, x2, y2 = self.world.bounds
+        cells = (x2 - x1) * (y2 - y1) / CELL_M**2
+        if not self.world.barriers or not all(map(isfinite, start)) or cells > CELLS_MOST:
+            return True
+        return bool(self._around(*self._cell(*start)) & self._around(*self._cell(*place)))
 
     def inhabited(self, points: Points) -> NDArray[np.bool_]:
         """Which points, (n, 2) in m, can be got to from a place that has a name.

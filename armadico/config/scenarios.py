@@ -25,7 +25,7 @@ from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
-from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
+from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
@@ -338,6 +338,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         if pose is None:
             continue
         yield from _misplaced(world, (key,), pose, radius)
+    yield from _cut_off(scenario, world, body)
     yield from _fleet_faults(scenario, world, radius)
     for index, moving in enumerate(scenario.moving):
         for name, message in moving.faults(world, scenario.start[:2], radius):
@@ -423,9 +424,27 @@ def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator
         x1, y1, x2, y2 = world.bounds
         span = f"x {x1:g} to {x2:g}, y {y1:g} to {y2:g}"
         yield key, f"{at} is outside the world {world.name!r}; expected {span}"
-    elif clearance < radius:
-        expected = f"expected at least {radius:.2f} m"
-        yield key, f"{at} is {clearance:.2f} m from a wall of {world.name!r}; {expected}"
-    elif (away := world.clearance_of_forbidden(x, y)) < radius:
-        expected = f"expected at least {radius:.2f} m"
-        yield key, f"{at} is {away:.2f} m from what is forbidden in {world.name!r}; {expected}"
+    elif clearance < radius - ROUNDING_M:
+        near, least = apart(clearance, radius)
+        expected = f"expected at least {least} m"
+        yield key, f"{at} is {near} m from a wall of {world.name!r}; {expected}"
+    elif (away := world.clearance_of_forbidden(x, y)) < radius - ROUNDING_M:
+        near, least = apart(away, radius)
+        expected = f"expected at least {least} m"
+        yield key, f"{at} is {near} m from what is forbidden in {world.name!r}; {expected}"
+
+
+def _cut_off(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key, str]]:
+    """A goal to which no way leads from the start, whoever drives."""
+    (x, y), goal = scenario.start[:2], scenario.goal
+    if goal is None or not world.crossed((x, y), goal[:2]):
+        return
+    from armadico.config.places import Places  # noqa: PLC0415 - with numpy
+
+    if not Places(world, body).joined((x, y), goal[:2]):
+        yield (
+            ("goal",),
+            f"goal ({goal[0]:g}, {goal[1]:g}): no way from start ({x:g}, {y:g}) in"
+            f" {world.name!r} is as wide as the robot, {body.width_m:g} m; expected a goal that"
+            " walls do not shut off",
+        )

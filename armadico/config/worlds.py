@@ -29,6 +29,9 @@ Column = tuple[float, float, float]
 SIDES = 12
 """Of a column's outline, which is drawn around it: no farther out than 4 % of its radius."""
 
+ROUNDING_M = 1e-6
+"""Distances that differ by less are the same: a goal written as 0.3 m from a wall has 0.3 m."""
+
 DOOR_REACH_M = 0.3
 """How far from a room its door may be: walls have a thickness in some maps."""
 
@@ -147,6 +150,23 @@ def load_world(name_or_path: str | Path) -> World:
     return world
 
 
+def bare(name: str) -> str:
+    """What a robot in a world of a file must do without if the world has no wall; else nothing."""
+    if not Path(name).suffix or load_world(name).outlines:
+        return ""
+    asked = "" if Path(name).suffix == ".map" else "; are occupied_thresh, negate and mode right?"
+    return f"{name} has no wall: there is nothing to plan around or to localize by{asked}"
+
+
+def apart(value: float, limit: float) -> tuple[str, str]:
+    """Two distances in metres, with as many digits as tell them from one another."""
+    for digits in range(2, 7):
+        one, other = f"{value:.{digits}f}", f"{limit:.{digits}f}"
+        if one != other:
+            break
+    return one, other
+
+
 def hull(walls: tuple[Segment, ...]) -> Segment:
     """The smallest rectangle around some walls; a point at the origin without any."""
     xs = [x for wall in walls for x in wall[::2]]
@@ -182,11 +202,11 @@ def check_door(door: Door, rooms: dict[str, Room]) -> None:
         if name not in rooms:
             raise ConfigError(f"door {door.name!r}: no room {name!r}; {advice(name, rooms)}")
         away = abs(rooms[name].away(door.x, door.y))
-        if away > DOOR_REACH_M:
-            at = f"({door.x:g}, {door.y:g})"
+        if away > DOOR_REACH_M + ROUNDING_M:
+            at, (far, most) = f"({door.x:g}, {door.y:g})", apart(away, DOOR_REACH_M)
             raise ConfigError(
-                f"door {door.name!r} at {at} is {away:.2f} m from the border of room {name!r}; "
-                f"expected {DOOR_REACH_M} m at the most"
+                f"door {door.name!r} at {at} is {far} m from the border of room {name!r}; "
+                f"expected {most} m at the most"
             )
 
 
@@ -196,9 +216,10 @@ def check_dock(name: str, pose: Pose, world: World) -> None:
     at, clearance = f"dock {name!r} at ({x:g}, {y:g})", world.clearance(x, y)
     if world.outlines and not world.inside(x, y):
         raise ConfigError(f"{at} is outside the world")
-    if clearance < DOCK_ROOM_M:
+    if clearance < DOCK_ROOM_M - ROUNDING_M:
+        near, least = apart(clearance, DOCK_ROOM_M)
         raise ConfigError(
-            f"{at} is {clearance:.2f} m from a wall; expected at least {DOCK_ROOM_M} m: the pose"
+            f"{at} is {near} m from a wall; expected at least {least} m: the pose"
             " of the robot that stands there"
         )
 

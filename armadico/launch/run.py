@@ -14,7 +14,7 @@ from typing import Self
 
 from armadico.config.discovery import agent_class, owners
 from armadico.config.scenarios import AlarmAt, Scenario, mission_of
-from armadico.config.worlds import load_world
+from armadico.config.worlds import bare, load_world
 from armadico.core.agent import WARNING
 from armadico.core.behaviour import Behaviour
 from armadico.core.cycles import LISTEN
@@ -137,6 +137,8 @@ class Run:
         """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
         if warn is not None:
             self.tell(warn)
+        if warning := bare(self.scenario.world):
+            self._warn(warning)
         self.start()
         if not any(map(_drives, self.names)):
             self._warn(

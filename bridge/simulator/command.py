@@ -221,9 +221,11 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
     from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import Scenario  # noqa: PLC0415 - not for --help
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
+    from armadico.config.worlds import bare, load_world  # noqa: PLC0415 - not for --help
 
     world = load_world(args.world)
+    if warning := bare(args.world):
+        options.say(warning)
     start = (0.0, 0.0, 0.0)
     if args.start is not None:
         start = (args.start[0], args.start[1], args.start[2])

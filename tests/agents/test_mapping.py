@@ -15,10 +15,11 @@ from armadico.agents.methods.mapping import Mapper, Settings
 from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
-from armadico.core.agent import Answer, Identity, Publish, Question
+from armadico.core.agent import WARNING, Answer, Identity, Publish, Question
 from armadico.core.messages import (
     Cycle,
     Echo,
+    Log,
     MapRequest,
     OccupancyGrid,
     Pose,
@@ -157,12 +158,12 @@ class Ring:
         self.agent.receive(described("pioneer-2dx"), 0.0)
         self.number = 0
 
-    def cycle(self, *, pose_first: bool = False, pose: bool = True) -> None:
+    def cycle(self, *, pose_first: bool = False, pose: bool = True, x: float = 2.0) -> None:
         self.number += 1
         cycle, now = Cycle(1, self.number), 0.1 * self.number
         self.agent.cycles.advance(cycle, now)
         said = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
-        messages = [*said, *([Pose(cycle, 2.0, 1.0, 0.0)] if pose else [])]
+        messages = [*said, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
         for message in messages[::-1] if pose_first else messages:
             self.agent.receive(message, now)
 
@@ -215,8 +216,23 @@ def test_it_goes_on_with_a_saved_map_or_says_why_not(tmp_path: Path) -> None:
     (grid,) = ring.grids()
     assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
     image.unlink()
-    with pytest.raises(ConfigError, match="expected an image"):
+    with pytest.raises(ConfigError, match=r"saved\.pgm"):
         Mapping(Identity("mapping-2"), Parameters(resume=str(file)))
+
+
+def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
+    ring = Ring()
+    logged = []
+    for x in (2.0, 150.0, 250.0, 260.0, 2.0):
+        ring.cycle(x=x)
+        said, ring.agent.outbox = ring.agent.outbox, []
+        logged += [
+            (x, "250.0" in o.message.text, o.message.level)
+            for o in said
+            if isinstance(o, Publish) and isinstance(o.message, Log)
+        ]
+    assert logged == [(250.0, True, WARNING)]
+    assert ring.agent._map.cells().bounds[2] < 200.0
 
 
 # A laser ------------------------------------------------------------------------------------------

@@ -46,6 +46,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("closed.map").write_text(CLOSED)
     Path("shut-in.map").write_text(SHUT_IN)
+    Path("no-door.map").write_text(CLOSED.replace("4000 0 4000 4000", "4000 0 4000 3600"))
+    Path("narrow.map").write_text(SHUT_IN.replace("4000 0 4000 4000", "4000 0 4000 3600"))
     scenario = 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 1, 0]\n'
     for name, text in {
         "unclosed.toml": 'world = "sc1"\nstart = [0, 0\n',
@@ -54,7 +56,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "stranger.toml": scenario + 'agents = ["gotoo"]\n',
         "word.toml": scenario.replace("[1, 1, 0]", '[1, "east", 0]'),
         "nan.toml": scenario.replace("[1, 1, 0]", "[1, nan, 0]"),
-        "blind.toml": SCENARIO.format(world="shut-in.map", goal="goal = [6, 2, 0]"),
+        "blind.toml": SCENARIO.format(world="sc4", goal="goal = [8, 1, 0]"),
         "alone.toml": SCENARIO.format(world="sc1", goal='agents = ["encoder"]'),
         "wall.toml": scenario.replace('"sc1"', '"sc4"'),
         "broken.map": "2D-Map\nLINES\n0 0 zero 0\nDATA\n",
@@ -144,11 +146,11 @@ def test_a_wrong_use_is_told_with_what_is_right_and_exit_code_2(
     ("words", "says"),
     [
         (
-            ("--world", "closed.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
+            ("--world", "no-door.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
             "the mission was refused: no way from room A to room B: no chain of doors",
         ),
         (
-            ("shut-in.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
+            ("narrow.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
             "the mission was refused: no way from (1, 1) to (6, 2) that keeps",
         ),
         (("sc1", "--without", "encoder"), "nobody knows where the robot is"),
@@ -161,8 +163,8 @@ def test_a_mission_that_cannot_be_is_refused_before_the_robot_moves(
 ) -> None:
     code, out, errors = run(capsys, *words, "--virtual", "--json")
     assert code == 1
-    assert not out, "there was no run"
     assert says in errors
+    assert says in json.loads(out)["why"]
 
 
 @pytest.mark.parametrize("path", ["/proc/no/picture.png", ".", "closed.map/picture.png"])
@@ -301,6 +303,36 @@ def test_a_ros_map_is_a_world(capsys: Captured) -> None:
         2,
         "expected an ARIA .map or a map_server .yaml",
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "why"),
+    [
+        (("sc4", "--goal", "8", "0.1", "0"), 2, "goal (8, 0.1)"),
+        (("sc4", "--goal", "nan", "1", "0"), 2, "--goal nan"),
+        (("sc1", "--without", "encoder"), 1, "no fresh encoder/pose"),
+        (("none.yaml", "--start", "0", "0", "0"), 2, "none.yaml"),
+        (("shut-in.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"), 2, "goal (6, 2)"),
+    ],
+)
+def test_a_run_that_is_refused_is_a_result_for_programs(
+    capsys: Captured, words: tuple[str, ...], exit_code: int, why: str
+) -> None:
+    for runs in ((), ("--runs", "2")):
+        code, out, errors = run(capsys, *words, "--virtual", "--json", *runs)
+        rows = json.loads(out)["runs"] if runs else [json.loads(out)]
+        assert [(row["reached"], why in row["why"]) for row in rows] == [(False, True)]
+        assert (code, why in errors) == (exit_code, True)
+
+
+@pytest.mark.parametrize(("world", "warned"), [("free.yaml", True), ("hall.map", False)])
+def test_a_map_without_a_wall_is_named(capsys: Captured, world: str, warned: bool) -> None:
+    Path("free.yaml").write_text("image: a.pgm\nresolution: 1\norigin: [-2, -2, 0]\n")
+    Path("a.pgm").write_bytes(b"P5 5 5 255\n" + b"\xff" * 25)
+    Path("hall.map").write_text("2D-Map\nLINES\n-2000 -2000 3000 -2000\n0 3000 0 2000\n")
+    words = ("--start", "0", "0", "0", "--for", "1", "--virtual")
+    code, _, errors = run(capsys, world, *words)
+    assert (code, f"{world} has no wall" in errors) == (0, warned), errors
 
 
 # Live ---------------------------------------------------------------------------------------------

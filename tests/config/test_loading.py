@@ -121,9 +121,15 @@ def test_an_error_is_one_line_with_place_value_and_advice(text: str, message: st
 def test_a_file_that_is_not_there_or_no_text_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
         load(tmp_path / "none.toml", Settings)
-    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xff")
     with pytest.raises(ConfigError, match=r"bytes\.toml: is not a text in UTF-8"):
         load(tmp_path / "bytes.toml", Settings)
+
+
+@pytest.mark.parametrize("coded", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path, coded: str) -> None:
+    (tmp_path / "a.toml").write_bytes('name = "grün"\r\n'.encode(coded))
+    assert load(tmp_path / "a.toml", Settings).name == "grün"
 
 
 @given(

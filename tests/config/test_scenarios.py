@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from math import degrees, hypot
 from pathlib import Path
@@ -17,6 +18,7 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     Battery,
     Scenario,
+    _misplaced,
     blind,
     load_scenario,
     on_mission,
@@ -410,6 +412,8 @@ def test_a_straight_way_that_is_free_is_not_blind(tmp_path: Path) -> None:
         (("sc4", (4.7, 1.0, 0.0), "B"), "start (4.7, 1) is 0.10 m from a wall of 'sc4'"),
         (("sc4", None, (10.0, 1.0, 0.0)), "goal (10, 1) is outside the world 'sc4'"),
         (("sc9", None, None), "no world 'sc9'; did you mean 'sc"),
+        (("sc4", (float("nan"), 1.0, 0.0), "B"), "start (nan, 1) is outside the world 'sc4'"),
+        (("sc4", (498532.0, 4.5e6, 0.0), "B"), "start (498532, 4.5e+06) is outside the world"),
     ],
 )
 def test_a_run_that_cannot_be_is_refused(
@@ -511,3 +515,44 @@ def test_a_mission_or_an_alarm_that_cannot_be_is_refused(
     with pytest.raises(ConfigError) as caught:
         load_scenario(on_a_mission(tmp_path, *lines))
     assert says in str(caught.value)
+
+
+ROOMS = "2D-Map\nLINES\n0 0 9000 0\n9000 0 9000 6000\n9000 6000 0 6000\n0 6000 0 0\n"
+
+
+@pytest.mark.parametrize(
+    ("partition", "joined"),
+    [
+        ("4500 0 4500 6000", False),
+        ("4500 0 4500 5900", False),  # a gap of 0.10 m
+        ("4500 0 4500 5000", True),
+        ("8000 0 8000 6000", True),  # behind the goal
+    ],
+)
+def test_a_goal_that_walls_shut_off_is_an_error_before_anything_drives(
+    tmp_path: Path, partition: str, joined: bool
+) -> None:
+    (tmp_path / "two.map").write_text(f"{ROOMS}{partition}\n")
+    file = tmp_path / "own.toml"
+    for plan in ("rooms", "seen", "direct"):
+        file.write_text(
+            f'world = "two.map"\nstart = [1, 1, 0]\ngoal = [6, 1, 0]\nplan = "{plan}"\n'
+        )
+        if joined:
+            assert load_scenario(file).goal == (6.0, 1.0, 0.0)
+            continue
+        with pytest.raises(ConfigError, match=r"own\.toml:3: goal \(6, 1\).*start \(1, 1\)"):
+            load_scenario(file)
+
+
+@pytest.mark.parametrize(("y", "free"), [(0.3, True), (0.3 - 1e-9, True), (0.2999, False)])
+def test_a_distance_that_is_too_small_reads_as_smaller_than_the_limit(y: float, free: bool) -> None:
+    assert load_profile("pioneer-2dx").body.circle_m == pytest.approx(0.3, abs=1e-3)
+    world, radius = load_world("sc4"), load_profile("pioneer-2dx").body.circle_m
+    faults = [*_misplaced(world, ("goal",), (1.0, y + radius - 0.3, 0.0), radius)]
+    if free:
+        assert not faults
+        return
+    ((_, message),) = faults
+    shown, least = map(float, re.findall(r"(\d\.\d+) m\b", message))
+    assert shown < least
