@@ -25,13 +25,15 @@ from armadico.bridge.session import (
     Reported,
     Session,
     Unanswered,
+    Unfit,
 )
 from armadico.config.errors import ConfigError
-from armadico.config.profile import P2osRobot, Ros2Robot, load_profile
+from armadico.config.profile import P2osRobot, Ros2Robot, load_profile, profiles_for
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import wrap
+from armadico.core.hands import Hand, keeps_motors_off
 from armadico.core.messages import (
     LABEL,
     Card,
@@ -47,6 +49,7 @@ from armadico.core.messages import (
     Sonar,
     Stop,
     TopSpeed,
+    line,
 )
 from armadico.core.resources import WHEELS, Resource
 from armadico.core.scans import points_of
@@ -136,7 +139,10 @@ class Robot(DeviceAgent):
         self._moving = False  # whether the controller was last told to move
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
-        self._openings = 0  # of the port, since the last status packet
+        self._openings = 0  # of the port, since the last status packet,
+        self._connections = 0  # and handshakes that ended well
+        self._unfit, self._refusals = "", 0  # why a controller was refused, and how often it was
+        self._named: tuple[str, ...] = ()  # the controller that was last opened
         self._described = 0  # cycles since the last description
         self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
@@ -178,6 +184,8 @@ class Robot(DeviceAgent):
             origin = self.memory.newest(Origin)  # as others remember it
             near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
             self._session = session_of(self.profile, self.now, near)
+            stop = self.stopped  # a robot agent before this one may have latched it
+            self._session.held = stop is not None and keeps_motors_off(stop)
         else:
             self._take(self._session.restart(self.now))
         self._send()
@@ -215,19 +223,17 @@ class Robot(DeviceAgent):
             if isinstance(event, Reported):
                 self._report(event)
             elif isinstance(event, Connected):
-                self._touch.begin()
-                kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
-                who = f"{event.name or 'a controller without a name'} ({kind})"
-                self.log(f"connected to {who} on {self.p.port}")
-                self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
-                self._described = 0
+                self._connected(event)
+            elif isinstance(event, Unfit):
+                self._refuse(event)
             elif isinstance(event, LinkLost):
                 self._moving = False
                 self._line()
-                self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
+                if self._connections in (0, *TOLD):
+                    self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
                 if event.reset and self.stopped is None:
                     # Its motors are off then; opening it again switches them on.
-                    self.latch("the controller having been reset at the robot")
+                    self.latch(Hand.RESET)
             elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self._line()
                 hint = event.hint or f"{_HINTS[event.streaming]}?"
@@ -238,6 +244,38 @@ class Robot(DeviceAgent):
                 )
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
+
+    def _connected(self, event: Connected) -> None:
+        """Note which controller answers: one that is not the one before may be another robot."""
+        self._touch.begin()
+        self._connections += 1
+        if self._connections in TOLD:
+            self.log(f"connected to {_told(event)} on {self.p.port}")
+        self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
+        self._described, self._unfit, self._refusals = 0, "", 0
+        named = (event.name, event.class_name, event.subclass)
+        before, self._named = self._named or named, named
+        if before != named and self.stopped is None:
+            self.latch(Hand.EXCHANGED)
+
+    def _refuse(self, event: Unfit) -> None:
+        """Report a controller that the profile does not fit; it is not opened."""
+        self._moving = False
+        self._refusals += 1
+        fitting = profiles_for(event.class_name, event.subclass)
+        if fitting:
+            cure = f"use the profile {' or '.join(fitting)}: --profile {fitting[0]}, or"
+            cure += f' robot = "{fitting[0]}" in the scenario'
+        else:
+            cure = "no shipped profile fits it: write one with its factors ([p2os], docs/robots.md)"
+        units = self.profile.p2os
+        assert units is not None, "only P2OS controllers are compared"
+        self._unfit = (
+            f"{_told(event)} on {self.p.port} is not driven: the profile {self.profile.name} is"
+            f" for {units.class_name} {units.subclass}; {cure}"
+        )
+        if self._refusals in TOLD:
+            self.log(self._unfit, ERROR, LogEvent.UNFIT)
 
     def _catch_up(self) -> None:
         """Let the session know how late it is: after a pause its ramps begin with what it was told.
@@ -265,7 +303,7 @@ class Robot(DeviceAgent):
 
     def _report(self, report: Reported) -> None:
         pose = report.pose
-        self._reported_at, self._openings = self.now, 0
+        self._reported_at, self._openings, self._connections = self.now, 0, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         self.tenure += 1
@@ -311,7 +349,8 @@ class Robot(DeviceAgent):
         """Without the readings of sensors that this robot has not got: nobody has to miss them."""
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         said = super().card()
-        return replace(said, provides=tuple(key for key in said.provides if key not in none))
+        provides = tuple(key for key in said.provides if key not in none)
+        return replace(said, provides=provides, fault=line(self._unfit))
 
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
@@ -344,13 +383,16 @@ class Robot(DeviceAgent):
         one while they are off, or the button is pressed, does not hold. Those that a stall has cut
         nobody has switched off.
         """
-        if self.stopped is None and self._session is not None:
+        assert self._session is not None
+        off = not (report.motors or self._touch.cut) and self._session.motors_due
+        self._session.held = self._session.held or off or report.stop_button
+        if self.stopped is None:
             if report.stop_button:
-                self.latch("the STOP button at the robot")
+                self.latch(Hand.BUTTON)
             elif report.lifted:
-                self.latch("a wheel of the robot hanging in the air")
-            elif not (report.motors or self._touch.cut) and self._session.motors_due:
-                self.latch("the motors being off at the robot")
+                self.latch(Hand.LIFTED)
+            elif off:
+                self.latch(Hand.MOTORS)
 
     def _feel(self, report: Reported) -> None:
         """Rest on touching something; whose turn it is next, goes on as it sees fit."""
@@ -452,4 +494,10 @@ class Robot(DeviceAgent):
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
         """Without a controller nobody is obeyed."""
         ready = self._session is not None and self._session.is_open
-        return "" if ready else "the controller does not answer"
+        return "" if ready else self._unfit or "the controller does not answer"
+
+
+def _told(event: Connected | Unfit) -> str:
+    """A controller by its own names, for people."""
+    kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
+    return f"{event.name or 'a controller without a name'} ({kind})"

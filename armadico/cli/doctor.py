@@ -287,6 +287,9 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     yield from monitors(view.reports.values())
     yield from _unheard(cards)
     answered = [card for card in cards.values() if card is not None]
+    for card in answered:
+        if card.fault:
+            yield Finding(card.name, WRONG, card.fault, "mend that, and start the society again")
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"

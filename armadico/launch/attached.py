@@ -7,6 +7,7 @@ from math import hypot
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
+from armadico.core.hands import release
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import LiveRun
@@ -95,9 +96,8 @@ class AttachedRun(LiveRun):
             )
         state = self.client.latest(RobotState)
         if state is not None and state.stop.stopped:
-            raise RunFailedError(
-                f"the robot is stopped by {state.stop.who}; `armadico resume` releases it"
-            )
+            how = release(state.stop, motors=state.motors)
+            raise RunFailedError(f"the robot is stopped by {state.stop.who}; {how}")
         here = self.watch.here
         if here is None:
             return

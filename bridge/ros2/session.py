@@ -85,6 +85,7 @@ class Session(Counting):
 
     Attributes:
         is_open: Whether odometry comes, so that speeds that are asked for reach the robot.
+        held: See `bridge.session`: no message switches motors on, so it is of no use here.
     """
 
     decoder: Decoder
@@ -93,7 +94,7 @@ class Session(Counting):
     def __init__(self, profile: Ros2Robot, now: float) -> None:
         """Begin at time `now`, s of any clock."""
         self._ros2, limits = profile.ros2, profile.limits
-        self.is_open = False
+        self.is_open = self.held = False
         self.decoder = Decoder()
         self.odometry = Odometry(self._ros2.cycle_s)
         self._fastest = (
@@ -196,6 +197,14 @@ class Session(Counting):
     def stop(self) -> None:
         """See `bridge.session`."""
         self.drive(0.0, 0.0)
+
+    def emergency_stop(self) -> None:
+        """See `bridge.session`: zero speeds, past the ramps."""
+        if self.is_open:
+            self._asked = self._said = (0.0, 0.0)
+            self._said_at = self._now
+            self._fresh, self._ramp_at = False, None
+            self._out += self._command(0.0, 0.0)
 
     def pulse(self) -> None:
         """See `bridge.session`: a base at rest has no use for it."""
