@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.bridge.obedience import Obedience
 from armadico.bridge.p2os.session import Session as P2osSession
 from armadico.bridge.readings import Readings
 from armadico.bridge.reflex import Reflex, Touch
@@ -150,6 +151,7 @@ class Robot(DeviceAgent):
         self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
         self._touch = Touch(self.profile)
+        self._obedience = Obedience(self.profile)
         self._told, self._told_at = Line(), -inf  # of the line
 
     @classmethod
@@ -248,6 +250,7 @@ class Robot(DeviceAgent):
     def _connected(self, event: Connected) -> None:
         """Note which controller answers: one that is not the one before may be another robot."""
         self._touch.begin()
+        self._obedience.begin()
         self._connections += 1
         if self._connections in TOLD:
             self.log(f"connected to {_told(event)} on {self.p.port}")
@@ -308,8 +311,10 @@ class Robot(DeviceAgent):
         self.cycles.advance(cycle, self.now)
         self.tenure += 1
         v, w = self._speeds = report.v, report.w
+        ordered = self._driven
         self._feel(report)
         self._heed_hands(report)
+        self._check_obedience(report, ordered)
         self.publish(
             RobotState(
                 cycle=cycle,
@@ -393,6 +398,17 @@ class Robot(DeviceAgent):
                 self.latch(Hand.LIFTED)
             elif off:
                 self.latch(Hand.MOTORS)
+
+    def _check_obedience(self, report: Reported, ordered: tuple[float, float]) -> None:
+        """Stop a robot that does not move as ordered, by all means, until a person releases it."""
+        assert self._session is not None
+        if not self._obedience.judge(report, ordered, self.now, held=self._touch.felt):
+            return
+        self.log(f"{self._obedience.fault}: emergency stop", ERROR)
+        if self.stopped is None:
+            self.latch(Hand.DISOBEYS)
+        self._session.emergency_stop()
+        self._send()
 
     def _feel(self, report: Reported) -> None:
         """Rest on touching something; whose turn it is next, goes on as it sees fit."""

@@ -221,7 +221,7 @@ class LiveRun(Run):
         self._strangers: set[str] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
         self._unfit = ""
-        self.client.listen(Log, then=self._hear_log)
+        self.client.listen(Log, then=lambda log, _: self._hear_log(log))
 
     def __enter__(self) -> Self:
         return self
@@ -270,12 +270,12 @@ class LiveRun(Run):
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _hear_log(self, log: Log, _: float) -> None:
+    def _hear_log(self, message: Message) -> None:
         """A robot that the profile does not fit ends the run, with the reason."""
-        if log.event == LogEvent.UNFIT:
-            self._unfit = log.text
+        if isinstance(message, Log) and message.event == LogEvent.UNFIT:
+            self._unfit = message.text
         else:
-            self.pass_on(self.client.key, log)
+            self.pass_on(self.client.key, message)
 
     def _ready_to_drive(self) -> bool:
         """Whether the robot talks and obeys, and whoever provides its pose knows where it is.

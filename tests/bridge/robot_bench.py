@@ -15,7 +15,6 @@ from armadico.core.agent import Identity, Publish, Write
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
 
 
-
 def names_of(subclass: str, class_name: str = "Pioneer", name: str = "Rob") -> bytes:
     """The answer to SYNC2."""
     return encode(b"\x02" + b"".join(s.encode() + b"\0" for s in (name, class_name, subclass)))

@@ -208,7 +208,7 @@ def test_of_a_subclass_with_factors_of_its_own_those_count() -> None:
     assert ways == pytest.approx({"p3dx": 0.485, "p3dx-sh": 1.0})
 
 
-# A controller that answers, and sends nothing ------------------------------------------------------
+# A controller that answers, and sends nothing -----------------------------------------------------
 
 
 @pytest.mark.parametrize("hangs_up", [True, False])

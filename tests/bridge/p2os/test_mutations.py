@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, command
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.session import Reported, Session
 from armadico.bridge.p2os.status import Status, encode_status
