@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.bridge.gaps import Gaps
 from armadico.bridge.obedience import Obedience
 from armadico.bridge.p2os.session import Session as P2osSession
 from armadico.bridge.readings import Readings
@@ -21,6 +22,7 @@ from armadico.bridge.reflex import Reflex, Touch
 from armadico.bridge.ros2.addresses import SCHEMES
 from armadico.bridge.session import (
     Connected,
+    Differs,
     LinkLost,
     Noted,
     Reported,
@@ -132,6 +134,7 @@ class Robot(DeviceAgent):
                 " armadico run --profile turtlebot4, and robot = 'turtlebot4' in a scenario's file"
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
+        self._gaps = Gaps(self.profile)
         self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
@@ -143,6 +146,7 @@ class Robot(DeviceAgent):
         self._openings = 0  # of the port, since the last status packet,
         self._connections = 0  # and handshakes that ended well
         self._unfit, self._refusals = "", 0  # why a controller was refused, and how often it was
+        self._differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
         self._named: tuple[str, ...] = ()  # the controller that was last opened
         self._described = 0  # cycles since the last description
         self._controller = ""  # as it names itself
@@ -244,6 +248,10 @@ class Robot(DeviceAgent):
                     f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
+            elif isinstance(event, Differs):
+                if event.text not in self._differs:
+                    self._differs = (*self._differs, event.text)
+                    self.log(event.text, WARNING)
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
 
@@ -355,7 +363,13 @@ class Robot(DeviceAgent):
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         said = super().card()
         provides = tuple(key for key in said.provides if key not in none)
-        return replace(said, provides=provides, fault=line(self._unfit))
+        doubts = line("; ".join(self._differs))
+        return replace(said, provides=provides, fault=line(self._unfit), doubts=doubts)
+
+    @property
+    def _top(self) -> float:
+        """The top speed, by the profile, the scenario, and what the laser's rays are sure of."""
+        return min(self._v_max, self._gaps.v_max)
 
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
@@ -367,7 +381,7 @@ class Robot(DeviceAgent):
             front=body.front_m,
             rear=body.rear_m,
             half_width=body.width_m / 2,
-            v_max=self._v_max,
+            v_max=self._top,
             w_max=limits.w_max,
             v_accel=limits.v_accel,
             v_decel=limits.v_decel,
@@ -444,6 +458,9 @@ class Robot(DeviceAgent):
                 self.publish(message)
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
+        if readings.scan is not None and self._gaps.look(readings.scan) and self._gaps.told:
+            self._described = 0
+            self.log(self._gaps.told, WARNING)
 
     def _heed(self, report: Reported) -> None:
         """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
@@ -481,8 +498,8 @@ class Robot(DeviceAgent):
         assert self._session is not None, "unavailable without one"
         self._catch_up()
         v, w = action
-        if abs(v) > self._v_max:
-            v, w = copysign(self._v_max, v), w * self._v_max / abs(v)
+        if abs(v) > (top := self._top):
+            v, w = copysign(top, v), w * top / abs(v)
         self._moving = v != 0.0 or w != 0.0
         self._order(v, w)
         self._send()

@@ -106,7 +106,13 @@ class Noted(Struct, frozen=True):
     text: str
 
 
-Event = Connected | Unfit | Reported | LinkLost | Unanswered | Noted
+class Differs(Struct, frozen=True):
+    """The robot is driven, and what it publishes of itself is not what its profile has."""
+
+    text: str
+
+
+Event = Connected | Unfit | Reported | LinkLost | Unanswered | Noted | Differs
 
 
 class Session(Protocol):

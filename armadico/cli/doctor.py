@@ -290,6 +290,8 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     for card in answered:
         if card.fault:
             yield Finding(card.name, WRONG, card.fault, "mend that, and start the society again")
+        if card.doubts:
+            yield Finding(card.name, NOTE, card.doubts, "is it the right profile?")
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"

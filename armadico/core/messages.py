@@ -1278,7 +1278,8 @@ class Card(Message, frozen=True):
     tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)] = 0
     """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
     stays."""
-    fault: Text = ""  # for people: why it cannot do its work at all, until that is mended
+    fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
+    doubts: Text = ""  # and what it works by that may be wrong
 
 
 class BidRecord(Message, frozen=True):
