@@ -251,10 +251,12 @@ class Microcontroller:
             charging=plant.charging,
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
+            turning_rad_s=plant.w,
             echoes=self._firing.take(),
             digital_out=self._digital_out,
         )
-        self._out += encode(encode_status(status, self._profile.p2os))
+        short = Trap.SHORT in self._traps
+        self._out += encode(encode_status(status, self._profile.p2os, short=short))
 
 
 _COMMANDS: dict[int, Callable[[Microcontroller, Command], None]] = {
