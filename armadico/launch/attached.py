@@ -85,7 +85,11 @@ class AttachedRun(LiveRun):
         return not self._missing() and self._ready_to_drive()
 
     def _lacking(self) -> str:
-        return ", ".join(self._missing()) or "the robot: its agent is there, and says nothing"
+        if missing := self._missing():
+            return ", ".join(missing)
+        cards = (self.client.card(*who) for who in self._robots())
+        faults = [card.fault for card in cards if card is not None and card.fault]
+        return f"the robot: {faults[0] if faults else 'its agent is there, and says nothing'}"
 
     def _check_robot(self) -> None:
         robots = [instance for _, instance in self._robots()]
