@@ -147,7 +147,7 @@ class Robot(DeviceAgent):
         self._connections = 0  # and handshakes that ended well
         self._unfit, self._refusals = "", 0  # why a controller was refused, and how often it was
         self._differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
-        self._named: tuple[str, ...] = ()  # the controller that was last opened
+        self._named: tuple[str, str, str] | None = None  # the controller that was last opened
         self._described = 0  # cycles since the last description
         self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
@@ -256,7 +256,7 @@ class Robot(DeviceAgent):
                 self.log(event.text, WARNING)
 
     def _connected(self, event: Connected) -> None:
-        """Note which controller answers: one that is not the one before may be another robot."""
+        """Note which controller answers: one of another type is another robot."""
         self._touch.begin()
         self._obedience.begin()
         self._connections += 1
@@ -264,9 +264,11 @@ class Robot(DeviceAgent):
             self.log(f"connected to {_told(event)} on {self.p.port}")
         self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
         self._described, self._unfit, self._refusals = 0, "", 0
-        named = (event.name, event.class_name, event.subclass)
+        named = (event.name, event.class_name.casefold(), event.subclass.casefold())
         before, self._named = self._named or named, named
-        if before != named and self.stopped is None:
+        if before[0] and before != named:
+            self.log(f"it was {_told(Connected(*before))} before: is it the same robot?", WARNING)
+        if before[1:] != named[1:] and self.stopped is None:
             self.latch(Hand.EXCHANGED)
 
     def _refuse(self, event: Unfit) -> None:

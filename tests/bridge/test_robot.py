@@ -173,16 +173,33 @@ def test_a_controller_of_another_type_after_a_broken_line_is_not_moved(ready: Be
     assert not ready.robot.card().fault
 
 
-def test_another_controller_of_the_same_type_takes_a_release_to_be_driven(ready: Bench) -> None:
-    ready.unplug()
-    ready.plug()
-    ready.answer(SYNC0, SYNC1, names_of("p2dx", name="Other"))
-    stop = ready.status().stop
-    assert stop.by == Hand.EXCHANGED
-    began = ready.now + TICK
-    ready.let_pass(0.1)
-    ready.command(0.3)
-    assert not any(ready.speeds(began))
+@pytest.mark.parametrize(
+    ("subclass", "name", "latched"),
+    [
+        ("p3dx-sh", "Rob", False),
+        ("P3DX-SH", "Rob", False),
+        ("p3dx-sh", "Other", False),
+        ("p3dx", "Rob", True),
+        ("p3dx-sh-lms1xx", "Rob", True),
+    ],
+)
+def test_a_controller_of_another_type_that_fits_takes_a_release_to_be_driven(
+    subclass: str, name: str, latched: bool
+) -> None:
+    bench = Bench(profile="pioneer-3dx")
+    bench.plug()
+    bench.answer(SYNC0, SYNC1, names_of("p3dx-sh"))
+    bench.cycles(LISTEN + 2)
+    bench.unplug()
+    bench.plug()
+    bench.answer(SYNC0, SYNC1, names_of(subclass, name=name))
+    stop = bench.status().stop
+    assert (stop.by == Hand.EXCHANGED) is latched
+    assert any("the same robot" in text for text in bench.logs()) is (latched or name != "Rob")
+    began = bench.now + TICK
+    bench.let_pass(0.1)
+    bench.command(0.3)
+    assert any(bench.speeds(began)) is not latched
 
 
 def test_a_refused_controller_is_asked_again_and_told_ever_more_rarely(bench: Bench) -> None:
