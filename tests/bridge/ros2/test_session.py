@@ -614,6 +614,19 @@ def test_who_hung_is_told_to_stand_and_not_to_go_on_as_it_did() -> None:
     assert [told[1:] for told in line.told[begun:]] == [(0.0, 0.0)]
 
 
+def test_an_emergency_stop_is_zero_at_once_and_stays_so() -> None:
+    line = Line(JACKAL).open()
+    line.drive(1.0)
+    for _ in range(50):
+        line.go(0.02, v=1.0)
+    assert line.speeds()[-1] == (1.0, 0.0)
+    told = len(line.told)
+    line.session.emergency_stop()
+    line.flush()
+    line.go(0.5, v=0.5)
+    assert {(v, w) for _, v, w in line.told[told:]} == {(0.0, 0.0)}
+
+
 def test_the_end_is_zero_at_once() -> None:
     line = Line(JACKAL).open()
     line.drive(2.0)
