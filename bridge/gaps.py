@@ -16,7 +16,7 @@ from armadico.core.messages import Scan
 SHARE = 0.5
 """Of the robot's width: what is this wide is to be met by a ray before the robot is."""
 
-SLOWEST_M_S = 0.05
+SLOWEST_M_S = 0.1
 """No limit is lower: the robot would not move at all, and its rays meet other places as it does."""
 
 
