@@ -383,7 +383,7 @@ class Robot(DeviceAgent):
             front=body.front_m,
             rear=body.rear_m,
             half_width=body.width_m / 2,
-            v_max=self._top,
+            v_max=self._v_max,
             w_max=limits.w_max,
             v_accel=limits.v_accel,
             v_decel=limits.v_decel,
@@ -461,7 +461,6 @@ class Robot(DeviceAgent):
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
         if readings.scan is not None and self._gaps.look(readings.scan) and self._gaps.told:
-            self._described = 0
             self.log(self._gaps.told, WARNING)
 
     def _heed(self, report: Reported) -> None:
