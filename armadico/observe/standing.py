@@ -535,7 +535,10 @@ class _Chain:
             if card is not None and card.owns:
                 words = f": {card.fault}" if card.fault else words
                 what = f"The device of {name} gives nothing{words}."
-                return self.end(Sort.DEVICE, name, what, "look at the robot, its port and its line")
+                todo = "look at the robot, its port and its line"
+                if card.fault:
+                    todo = "mend that, and start the society again"
+                return self.end(Sort.DEVICE, name, what, todo)
             what = f"{name} answers, and publishes no {key}{words}."
             return self.end(Sort.SILENT, name, what, f"`armadico logs {name}` may say more")
         pid = f" (host {host}, pid {card.pid})" if card is not None else ""
