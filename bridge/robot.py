@@ -14,24 +14,29 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.bridge.gaps import Gaps
+from armadico.bridge.obedience import Obedience
 from armadico.bridge.p2os.session import Session as P2osSession
 from armadico.bridge.readings import Readings
 from armadico.bridge.reflex import Reflex, Touch
 from armadico.bridge.ros2.addresses import SCHEMES
 from armadico.bridge.session import (
     Connected,
+    Differs,
     LinkLost,
     Noted,
     Reported,
     Session,
     Unanswered,
+    Unfit,
 )
 from armadico.config.errors import ConfigError
-from armadico.config.profile import P2osRobot, Ros2Robot, load_profile
+from armadico.config.profile import P2osRobot, Ros2Robot, load_profile, profiles_for
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import wrap
+from armadico.core.hands import Hand, keeps_motors_off
 from armadico.core.messages import (
     LABEL,
     Card,
@@ -47,6 +52,7 @@ from armadico.core.messages import (
     Sonar,
     Stop,
     TopSpeed,
+    line,
 )
 from armadico.core.resources import WHEELS, Resource
 from armadico.core.scans import points_of
@@ -128,6 +134,7 @@ class Robot(DeviceAgent):
                 " armadico run --profile turtlebot4, and robot = 'turtlebot4' in a scenario's file"
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
+        self._gaps = Gaps(self.profile)
         self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
@@ -136,7 +143,11 @@ class Robot(DeviceAgent):
         self._moving = False  # whether the controller was last told to move
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
-        self._openings = 0  # of the port, since the last status packet
+        self._openings = 0  # of the port, since the last status packet,
+        self._connections = 0  # and handshakes that ended well
+        self._unfit, self._refusals = "", 0  # why a controller was refused, and how often it was
+        self._differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
+        self._named: tuple[str, str, str] | None = None  # the controller that was last opened
         self._described = 0  # cycles since the last description
         self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
@@ -144,6 +155,7 @@ class Robot(DeviceAgent):
         self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
         self._touch = Touch(self.profile)
+        self._obedience = Obedience(self.profile)
         self._told, self._told_at = Line(), -inf  # of the line
 
     @classmethod
@@ -178,6 +190,8 @@ class Robot(DeviceAgent):
             origin = self.memory.newest(Origin)  # as others remember it
             near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
             self._session = session_of(self.profile, self.now, near)
+            stop = self.stopped  # a robot agent before this one may have latched it
+            self._session.held = stop is not None and keeps_motors_off(stop)
         else:
             self._take(self._session.restart(self.now))
         self._send()
@@ -215,19 +229,17 @@ class Robot(DeviceAgent):
             if isinstance(event, Reported):
                 self._report(event)
             elif isinstance(event, Connected):
-                self._touch.begin()
-                kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
-                who = f"{event.name or 'a controller without a name'} ({kind})"
-                self.log(f"connected to {who} on {self.p.port}")
-                self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
-                self._described = 0
+                self._connected(event)
+            elif isinstance(event, Unfit):
+                self._refuse(event)
             elif isinstance(event, LinkLost):
                 self._moving = False
                 self._line()
-                self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
+                if self._connections in (0, *TOLD):
+                    self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
                 if event.reset and self.stopped is None:
                     # Its motors are off then; opening it again switches them on.
-                    self.latch("the controller having been reset at the robot")
+                    self.latch(Hand.RESET)
             elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self._line()
                 hint = event.hint or f"{_HINTS[event.streaming]}?"
@@ -236,8 +248,47 @@ class Robot(DeviceAgent):
                     f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
+            elif isinstance(event, Differs):
+                if event.text not in self._differs:
+                    self._differs = (*self._differs, event.text)
+                    self.log(event.text, WARNING)
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
+
+    def _connected(self, event: Connected) -> None:
+        """Note which controller answers: one of another type is another robot."""
+        self._touch.begin()
+        self._obedience.begin()
+        self._connections += 1
+        if self._connections in TOLD:
+            self.log(f"connected to {_told(event)} on {self.p.port}")
+        self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
+        self._described, self._unfit, self._refusals = 0, "", 0
+        named = (event.name, event.class_name.casefold(), event.subclass.casefold())
+        before, self._named = self._named or named, named
+        if before[0] and before != named:
+            self.log(f"it was {_told(Connected(*before))} before: is it the same robot?", WARNING)
+        if before[1:] != named[1:] and self.stopped is None:
+            self.latch(Hand.EXCHANGED)
+
+    def _refuse(self, event: Unfit) -> None:
+        """Report a controller that the profile does not fit; it is not opened."""
+        self._moving = False
+        self._refusals += 1
+        fitting = profiles_for(event.class_name, event.subclass)
+        if fitting:
+            cure = f"use the profile {' or '.join(fitting)}: --profile {fitting[0]}, or"
+            cure += f' robot = "{fitting[0]}" in the scenario'
+        else:
+            cure = "no shipped profile fits it: write one with its factors ([p2os], docs/robots.md)"
+        units = self.profile.p2os
+        assert units is not None, "only P2OS controllers are compared"
+        self._unfit = (
+            f"{_told(event)} on {self.p.port} is not driven: the profile {self.profile.name} is"
+            f" for {units.class_name} {units.subclass}; {cure}"
+        )
+        if self._refusals in TOLD:
+            self.log(self._unfit, ERROR, LogEvent.UNFIT)
 
     def _catch_up(self) -> None:
         """Let the session know how late it is: after a pause its ramps begin with what it was told.
@@ -265,13 +316,15 @@ class Robot(DeviceAgent):
 
     def _report(self, report: Reported) -> None:
         pose = report.pose
-        self._reported_at, self._openings = self.now, 0
+        self._reported_at, self._openings, self._connections = self.now, 0, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         self.tenure += 1
         v, w = self._speeds = report.v, report.w
+        ordered = self._driven
         self._feel(report)
         self._heed_hands(report)
+        self._check_obedience(report, ordered)
         self.publish(
             RobotState(
                 cycle=cycle,
@@ -311,7 +364,14 @@ class Robot(DeviceAgent):
         """Without the readings of sensors that this robot has not got: nobody has to miss them."""
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         said = super().card()
-        return replace(said, provides=tuple(key for key in said.provides if key not in none))
+        provides = tuple(key for key in said.provides if key not in none)
+        doubts = line("; ".join(self._differs))
+        return replace(said, provides=provides, fault=line(self._unfit), doubts=doubts)
+
+    @property
+    def _top(self) -> float:
+        """The top speed, by the profile, the scenario, and what the laser's rays are sure of."""
+        return min(self._v_max, self._gaps.v_max)
 
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
@@ -344,13 +404,27 @@ class Robot(DeviceAgent):
         one while they are off, or the button is pressed, does not hold. Those that a stall has cut
         nobody has switched off.
         """
-        if self.stopped is None and self._session is not None:
+        assert self._session is not None
+        off = not (report.motors or self._touch.cut) and self._session.motors_due
+        self._session.held = self._session.held or off or report.stop_button
+        if self.stopped is None:
             if report.stop_button:
-                self.latch("the STOP button at the robot")
+                self.latch(Hand.BUTTON)
             elif report.lifted:
-                self.latch("a wheel of the robot hanging in the air")
-            elif not (report.motors or self._touch.cut) and self._session.motors_due:
-                self.latch("the motors being off at the robot")
+                self.latch(Hand.LIFTED)
+            elif off:
+                self.latch(Hand.MOTORS)
+
+    def _check_obedience(self, report: Reported, ordered: tuple[float, float]) -> None:
+        """Stop a robot that does not move as ordered, by all means, until a person releases it."""
+        assert self._session is not None
+        if not self._obedience.judge(report, ordered, self.now, held=self._touch.felt):
+            return
+        self.log(f"{self._obedience.fault}: emergency stop", ERROR)
+        if self.stopped is None:
+            self.latch(Hand.DISOBEYS)
+        self._session.emergency_stop()
+        self._send()
 
     def _feel(self, report: Reported) -> None:
         """Rest on touching something; whose turn it is next, goes on as it sees fit."""
@@ -386,6 +460,8 @@ class Robot(DeviceAgent):
                 self.publish(message)
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
+        if readings.scan is not None and self._gaps.look(readings.scan) and self._gaps.told:
+            self.log(self._gaps.told, WARNING)
 
     def _heed(self, report: Reported) -> None:
         """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
@@ -423,8 +499,8 @@ class Robot(DeviceAgent):
         assert self._session is not None, "unavailable without one"
         self._catch_up()
         v, w = action
-        if abs(v) > self._v_max:
-            v, w = copysign(self._v_max, v), w * self._v_max / abs(v)
+        if abs(v) > (top := self._top):
+            v, w = copysign(top, v), w * top / abs(v)
         self._moving = v != 0.0 or w != 0.0
         self._order(v, w)
         self._send()
@@ -452,4 +528,10 @@ class Robot(DeviceAgent):
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
         """Without a controller nobody is obeyed."""
         ready = self._session is not None and self._session.is_open
-        return "" if ready else "the controller does not answer"
+        return "" if ready else self._unfit or "the controller does not answer"
+
+
+def _told(event: Connected | Unfit) -> str:
+    """A controller by its own names, for people."""
+    kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
+    return f"{event.name or 'a controller without a name'} ({kind})"

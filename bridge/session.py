@@ -73,6 +73,14 @@ class Connected(Struct, frozen=True):
     subclass: str
 
 
+class Unfit(Struct, frozen=True):
+    """The robot answers, and is not of the profile's type; it is not opened."""
+
+    name: str
+    class_name: str
+    subclass: str
+
+
 class LinkLost(Struct, frozen=True):
     """An open link ended; the session tries to open it again.
 
@@ -98,11 +106,24 @@ class Noted(Struct, frozen=True):
     text: str
 
 
-Event = Connected | Reported | LinkLost | Unanswered | Noted
+class Differs(Struct, frozen=True):
+    """The robot is driven, and what it publishes of itself is not what its profile has."""
+
+    text: str
+
+
+Event = Connected | Unfit | Reported | LinkLost | Unanswered | Noted | Differs
 
 
 class Session(Protocol):
-    """One client's dealings with one robot."""
+    """One client's dealings with one robot.
+
+    Attributes:
+        held: Motors that are off stay off when the robot is opened again: a person switched them
+            off. Set by the owner; a report of motors that are on clears it.
+    """
+
+    held: bool
 
     @property
     def is_open(self) -> bool:
@@ -137,6 +158,9 @@ class Session(Protocol):
 
     def stop(self) -> None:
         """Ask for zero speeds, down the ramps."""
+
+    def emergency_stop(self) -> None:
+        """Ask for zero speeds at once, by what the controller has for an emergency."""
 
     def pulse(self) -> None:
         """Feed the robot's watchdog, if it has one that wants that and nothing else does."""

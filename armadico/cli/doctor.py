@@ -287,6 +287,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     yield from monitors(view.reports.values())
     yield from _unheard(cards)
     answered = [card for card in cards.values() if card is not None]
+    yield from _faults(answered)
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
@@ -308,6 +309,15 @@ def _unheard(cards: Mapping[tuple[str, str], Card | None]) -> Iterator[Finding]:
         elif card.protocol != PROTOCOL:
             what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
             yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")
+
+
+def _faults(cards: Iterable[Card]) -> Iterator[Finding]:
+    """What agents report of themselves."""
+    for card in cards:
+        if card.fault:
+            yield Finding(card.name, WRONG, card.fault, "mend that, and start the society again")
+        if card.doubts:
+            yield Finding(card.name, NOTE, card.doubts, "is it the right profile?")
 
 
 def stands(found: Standing) -> Finding:

@@ -88,24 +88,26 @@ def _metres(text: str) -> float:
 
 def _left_behind(client: Client) -> str:
     """What a robot does that nobody waits for any more, as far as is known."""
-    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.core.hands import release  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import RobotState  # noqa: PLC0415
 
     state = client.latest(RobotState)
     if state is not None and state.stop.stopped:
-        by = options.shown(state.stop.who)
-        return f"the robot is stopped by {by}; `armadico resume` has it drive on"
+        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        return f"the robot is stopped by {by}; {how}, and it drives on"
     return "the robot drives on; `armadico stop` stops it"
 
 
 def _remark(mission: Mission, client: Client) -> str:
-    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.core.hands import release  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import RobotState  # noqa: PLC0415
 
     state, status = client.fresh(RobotState), mission.status
     if state is None:
         return "nothing heard of the robot"
     if state.stop.stopped:
-        by = options.shown(state.stop.who)
-        return f"stopped by {by}; `armadico resume` releases it"
+        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        return f"stopped by {by}; {how}"
     if status is not None and status.note:
         return options.shown(status.note)
     return "stalled" if state.stalled else f"{state.v:.2f} m/s"

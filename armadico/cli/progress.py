@@ -74,7 +74,8 @@ class _Lines:
 
 def remark(watch: RunWatch) -> str:
     """Distance to go and what keeps it, who holds the wheels, speed, battery."""
-    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
+    from armadico.core.hands import release  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import at_work  # noqa: PLC0415
 
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:
@@ -88,8 +89,8 @@ def remark(watch: RunWatch) -> str:
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:
-        by = options.shown(state.stop.who)
-        return f"{to_go}, stopped by {by}; armadico resume releases it"
+        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        return f"{to_go}, stopped by {by}; {how}"
     holder = options.shown(watch.holder or "nobody")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
     return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"

@@ -302,7 +302,8 @@ def _ordered(client: Client, hand: Hand, order: Order) -> str:
 
 def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     """What the robot does, and whose hand it is."""
-    from armadico.core.messages import TeleopStatus  # noqa: PLC0415 - not for --help
+    from armadico.core.hands import remedy  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import TeleopStatus  # noqa: PLC0415
 
     if state is None:
         return "nothing is heard of the robot"
@@ -312,7 +313,10 @@ def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     going = f"{state.v:+.2f} m/s {state.w:+.2f} rad/s"
     if status.hand not in ("", hand.name):
         return f"{going}  {status.hand} has the stick: it lets go first"
-    stopped = f"stopped by {state.stop.who}: r releases it" if state.stop.stopped else ""
+    stopped = ""
+    if state.stop.stopped:
+        first = remedy(state.stop, motors=state.motors)
+        stopped = f"stopped by {state.stop.who}: {f'{first}, then r' if first else 'r releases it'}"
     return f"{going}  {stopped or status.note or ('by hand' if status.holds else '')}"
 
 

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError
 from armadico.config.loading import convert, document, read_text
-from armadico.config.shipped import find
+from armadico.config.shipped import find, names
 from armadico.core.geometry import Pose2, turning_circle
 from armadico.core.messages import (
     RAYS,
@@ -251,6 +252,14 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("empty_v is to be less than low_v, and that less than full_v")
 
 
+class Variant(Struct, frozen=True, forbid_unknown_fields=True):
+    """Another subclass of the same robot; factors that are not given are those of the profile."""
+
+    subclass: Annotated[str, Meta(max_length=19)]  # "": a controller that reports none
+    distance_mm: Positive | None = None
+    range_mm: Positive | None = None
+
+
 class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
     """The codec's conversion factors, and what the controller says of itself."""
 
@@ -265,6 +274,23 @@ class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
     subclass: Annotated[str, Meta(min_length=1, max_length=19)]
     cycle_s: Period  # from one status packet to the next
     watchdog_s: Patience
+    variants: tuple[Variant, ...] = ()
+
+    def of(self, class_name: str, subclass: str) -> P2osUnits | None:
+        """The factors for a controller that names itself so; None: the profile does not fit it."""
+        if class_name.casefold() != self.class_name.casefold() and (class_name or subclass):
+            return None
+        if subclass.casefold() == self.subclass.casefold():
+            return self
+        for each in self.variants:
+            if subclass.casefold() == each.subclass.casefold():
+                return replace(
+                    self,
+                    subclass=each.subclass,
+                    distance_mm=each.distance_mm or self.distance_mm,
+                    range_mm=each.range_mm or self.range_mm,
+                )
+        return None
 
 
 class Topic(Struct, frozen=True, forbid_unknown_fields=True):
@@ -434,6 +460,12 @@ def load_profile(name_or_path: str | Path) -> P2osRobot | Ros2Robot:
     """A shipped profile by its name, or a TOML file. Raises ConfigError."""
     path = find("robots", name_or_path)
     return _read(read_text(path), path)
+
+
+def profiles_for(class_name: str, subclass: str) -> tuple[str, ...]:
+    """The names of the shipped profiles that fit a controller with these names, sorted."""
+    found = {name: load_profile(name).p2os for name in names("robots")}
+    return tuple(n for n, units in found.items() if units and units.of(class_name, subclass))
 
 
 @lru_cache(maxsize=8)  # 3 ms, and a society asks for its robot's a dozen times

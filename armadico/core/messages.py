@@ -1278,6 +1278,8 @@ class Card(Message, frozen=True):
     tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)] = 0
     """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
     stays."""
+    fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
+    doubts: Text = ""  # and what it works by that may be wrong
 
 
 class BidRecord(Message, frozen=True):
@@ -1459,6 +1461,7 @@ class LogEvent(StrEnum):
 
     COMMANDS_REFUSED = "commands refused"  # by the owner of a resource
     SLOWED = "slowed"  # the robot, for what its own sensors hear ahead
+    UNFIT = "unfit"  # the controller is not of the profile's type
 
 
 class Log(Message, frozen=True):
@@ -1466,7 +1469,7 @@ class Log(Message, frozen=True):
 
     level: Annotated[int, Meta(ge=0, le=50)]
     text: Text
-    event: Label = ""  # as in `LogEvent`: commands refused, slowed; or an agent's own
+    event: Label = ""  # as in `LogEvent`: commands refused, slowed, unfit; or an agent's own
 
 
 class JournalPiece(Message, frozen=True):

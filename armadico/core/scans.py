@@ -45,7 +45,7 @@ def message_of(
     Args:
         cycle: Of the robot.
         ranges: m, one a ray. NaN, and what is nearer than the limit, is no valid range; infinity,
-            and what is beyond the limit, is that nothing is within reach.
+            and what is at the limit or beyond it, is that nothing is within reach.
         angles: The first ray's, and from one to the next (below 0: clockwise), about the laser's
             own axis, rad. What goes on beyond a whole turn is left out.
         limits: The least and the longest range that it measures, m.
@@ -80,7 +80,8 @@ def _nearest(ranges: Floats, together: int, least: float) -> Floats:
 def packed(ranges: Floats, least: float, most: float) -> bytes:
     """Ranges in m as two bytes each."""
     with np.errstate(invalid="ignore"):
-        valid, beyond = ranges >= least, ranges > most
+        # REP-117 and LaserScan: range_max itself is what a driver reports where nothing is.
+        valid, beyond = ranges >= least, ranges >= most
         mm = np.where(valid & ~beyond, np.rint(MM * ranges), INVALID)
     mm[beyond] = FREE
     return mm.astype("<u2").tobytes()

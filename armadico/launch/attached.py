@@ -7,6 +7,7 @@ from math import hypot
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
+from armadico.core.hands import release
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import LiveRun
@@ -84,7 +85,11 @@ class AttachedRun(LiveRun):
         return not self._missing() and self._ready_to_drive()
 
     def _lacking(self) -> str:
-        return ", ".join(self._missing()) or "the robot: its agent is there, and says nothing"
+        if missing := self._missing():
+            return ", ".join(missing)
+        cards = (self.client.card(*who) for who in self._robots())
+        faults = [card.fault for card in cards if card is not None and card.fault]
+        return f"the robot: {faults[0] if faults else 'its agent is there, and says nothing'}"
 
     def _check_robot(self) -> None:
         robots = [instance for _, instance in self._robots()]
@@ -95,9 +100,8 @@ class AttachedRun(LiveRun):
             )
         state = self.client.latest(RobotState)
         if state is not None and state.stop.stopped:
-            raise RunFailedError(
-                f"the robot is stopped by {state.stop.who}; `armadico resume` releases it"
-            )
+            how = release(state.stop, motors=state.motors)
+            raise RunFailedError(f"the robot is stopped by {state.stop.who}; {how}")
         here = self.watch.here
         if here is None:
             return

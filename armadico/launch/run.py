@@ -24,6 +24,7 @@ from armadico.core.messages import (
     Claim,
     Correction,
     Log,
+    LogEvent,
     Message,
     Pose,
     RobotState,
@@ -221,7 +222,8 @@ class LiveRun(Run):
         self._idle_s = idle_s
         self._strangers: set[str] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
-        self.client.listen(Log, then=lambda log, _: self.pass_on(self.client.key, log))
+        self._unfit = ""
+        self.client.listen(Log, then=lambda log, _: self._hear_log(log))
 
     def __enter__(self) -> Self:
         return self
@@ -244,6 +246,8 @@ class LiveRun(Run):
 
         Raises RunFailedError if the robot is silent, or another one has come in its place.
         """
+        if self._unfit:
+            raise RunFailedError(self._unfit)
         if self.watch.mixed:
             raise RunFailedError(
                 f"the robot's controller is {self.watch.mixed} now, and was another one when the"
@@ -268,11 +272,23 @@ class LiveRun(Run):
 
     # Inside --------------------------------------------------------------------------------------
 
+    def _hear_log(self, message: Message) -> None:
+        """A robot that the profile does not fit ends the run, with the reason."""
+        if isinstance(message, Log) and message.event == LogEvent.UNFIT:
+            self._unfit = message.text
+        else:
+            self.pass_on(self.client.key, message)
+
     def _ready_to_drive(self) -> bool:
-        """Whether the robot talks and obeys, and whoever provides its pose knows where it is."""
+        """Whether the robot talks and obeys, and whoever provides its pose knows where it is.
+
+        Raises RunFailedError if it is another robot than the profile's.
+        """
         kinds: list[type[Message]] = [RobotState]
         if any(Pose in agent_class(name).provides for name in self.names):
             kinds.append(Pose)
+        if self._unfit:
+            raise RunFailedError(self._unfit)
         state = self.client.latest(RobotState)
         listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
         described = self.watch.view.description is not None  # and whose truth is the robot's

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, Protocol
 
+from armadico.core.hands import remedy
 from armadico.core.messages import Message, MissionRequest, MissionState, MissionStatus, RobotState
 from armadico.mesh.base import Mesh
 from armadico.observe.translators import Sample, Translator
@@ -135,8 +136,11 @@ class Gateway:
             return
         self._mission, self._request = Mission(self._client, reply), request
         state = self._client.latest(RobotState)
-        stopped = state is not None and state.stop.stopped
-        until = ", once the stop is released: `armadico resume`" if stopped else ""
+        until = ""
+        if state is not None and state.stop.stopped:
+            first = remedy(state.stop, motors=state.motors)
+            how = f"{first}, then " if first else ""
+            until = f", once the stop is released: {how}`armadico resume`"
         self._say(f"{topic} {where} accepted: {reply.length:.1f} m to go{until}")
 
     def _follow(self) -> None:

@@ -19,6 +19,7 @@ from msgspec import Struct
 from armadico.core.agent import WARNING
 from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
+from armadico.core.hands import release
 from armadico.core.messages import (
     PROTOCOL,
     BidRecord,
@@ -213,12 +214,10 @@ class _Chain:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:
                 self.say(f"The society lacks {', '.join(missing)}.")
-            by = state.stop.who
-            return self.end(
-                Sort.STOP, by, f"It is stopped by {by}.", "`armadico resume` releases it"
-            )
+            by, todo = state.stop.who, release(state.stop, motors=state.motors)
+            return self.end(Sort.STOP, by, f"It is stopped by {by}.", todo)
         if not state.motors:
-            todo = "switch them on at the robot, then `armadico resume`"
+            todo = release(state.stop, motors=False)
             return self.end(Sort.MOTORS, "", "Its motors are off.", todo)
         return None
 
@@ -534,8 +533,12 @@ class _Chain:
         if key and self._lives(instance, since):
             words = self._words(instance, since)
             if card is not None and card.owns:
+                words = f": {card.fault}" if card.fault else words
                 what = f"The device of {name} gives nothing{words}."
-                return self.end(Sort.DEVICE, name, what, "look at the robot, its port and its line")
+                todo = "look at the robot, its port and its line"
+                if card.fault:
+                    todo = "mend that, and start the society again"
+                return self.end(Sort.DEVICE, name, what, todo)
             what = f"{name} answers, and publishes no {key}{words}."
             return self.end(Sort.SILENT, name, what, f"`armadico logs {name}` may say more")
         pid = f" (host {host}, pid {card.pid})" if card is not None else ""

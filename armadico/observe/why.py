@@ -20,6 +20,7 @@ from armadico.core.agent import AT_WORK, REPORT_S
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
+from armadico.core.hands import release
 from armadico.core.messages import (
     Ack,
     Action,
@@ -535,7 +536,7 @@ class Chronicle:
             said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
         else:
             said.append("Nobody has released it.")
-        cause = Cause(Sort.STOP, by, said[0], "`armadico resume` releases it")
+        cause = Cause(Sort.STOP, by, said[0], release(of.stop))
         stood = None if of.before else of.stood
         return Press(of.number, of.t, by, stood, of.released, of.released_by, tuple(said), cause)
 

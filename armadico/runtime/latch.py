@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from armadico.core.hands import remedy
 from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_count
 
 HELD_S: Final = 1.0
@@ -57,6 +58,7 @@ class Latching:
         self._release: Stop | None = None
         self._cycle: Cycle | None = None
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
+        self._motors = True  # on
         self._heard_at = float("-inf")
         self._since: float | None = None  # acknowledged by the robot agent without a break
 
@@ -65,7 +67,7 @@ class Latching:
         if state.cycle == self._cycle:
             return
         self._cycle, self.known = state.cycle, state.stop
-        self._speeds = (state.v, state.w)
+        self._speeds, self._motors = (state.v, state.w), state.motors
         if self._stopped:
             self._hear_stopped(state.stop, now)
         else:
@@ -110,3 +112,5 @@ class Latching:
             self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
         elif not late:
             self.refusal = f"it was stopped again meanwhile, by {stop.who}"
+            if first := remedy(stop, motors=self._motors):
+                self.refusal = f"{first}, then `armadico resume` again"

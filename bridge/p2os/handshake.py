@@ -29,6 +29,7 @@ from enum import Enum, auto
 ECHO_TIMEOUT_S = 1.0  # for the answer to a SYNC, as ARIA waits
 DRAIN_S = 0.2  # after CLOSE, what was under way is let past, as ARIA does
 LINK_TIMEOUT_S = 1.0  # without a status packet, ten of them: half of the controller's own watchdog
+UNFIT_S = 5.0  # until a controller of another type is asked again: it may have been exchanged
 
 
 class State(Enum):
@@ -40,6 +41,7 @@ class State(Enum):
     SYNC1 = "the echo of SYNC1"
     SYNC2 = "the robot's names"
     OPEN = "the next status packet"
+    UNFIT = "a controller of the profile's type"
 
 
 class Signal(Enum):
@@ -49,9 +51,11 @@ class Signal(Enum):
     ECHO0 = auto()
     ECHO1 = auto()
     NAMES = auto()
+    MISFIT = auto()  # names that are not the profile's
     STATUS = auto()
     RESET = auto()  # the controller reports that it restarted
     SILENCE = auto()  # the state's time-out
+    PAUSE = auto()  # nothing follows the handshake, again and again
     CLOSE = auto()
 
 
@@ -77,6 +81,7 @@ TIMEOUTS_S = {
     State.SYNC1: ECHO_TIMEOUT_S,
     State.SYNC2: ECHO_TIMEOUT_S,
     State.OPEN: LINK_TIMEOUT_S,
+    State.UNFIT: UNFIT_S,
 }
 
 _BEGIN = (State.SYNC0, (Action.FORGET, Action.SEND_CLOSE, Action.SEND_SYNC0))
@@ -85,6 +90,7 @@ _DISLODGE = (State.DRAIN, (Action.UNHEARD, *_CLOSE))
 _RETRY = (State.DRAIN, (Action.UNANSWERED, *_CLOSE))
 _LOST = (State.DRAIN, (Action.LOSE, *_CLOSE))
 _LEAVE = (State.CLOSED, (Action.FORGET, Action.ZERO, Action.LEAVE))
+_REFUSE = (State.UNFIT, (Action.FORGET, Action.SEND_CLOSE))  # no motors, no speeds
 _SYNCS = (State.SYNC0, State.SYNC1, State.SYNC2)
 _LIVE = (State.DRAIN, *_SYNCS)
 
@@ -96,6 +102,12 @@ TRANSITIONS: dict[tuple[State, Signal], tuple[State, tuple[Action, ...]]] = {
     (State.SYNC1, Signal.ECHO1): (State.SYNC2, (Action.SEND_SYNC2,)),
     (State.SYNC0, Signal.NAMES): (State.OPEN, (Action.SET_UP,)),
     (State.SYNC2, Signal.NAMES): (State.OPEN, (Action.SET_UP,)),
+    (State.SYNC0, Signal.MISFIT): _REFUSE,
+    (State.SYNC2, Signal.MISFIT): _REFUSE,
+    (State.UNFIT, Signal.SILENCE): _BEGIN,
+    (State.UNFIT, Signal.START): _BEGIN,
+    (State.UNFIT, Signal.CLOSE): (State.CLOSED, (Action.FORGET, Action.SEND_CLOSE)),
+    (State.SYNC0, Signal.PAUSE): (State.DRAIN, (Action.FORGET,)),
     **{(state, Signal.STATUS): _DISLODGE for state in _SYNCS},
     **{(state, Signal.SILENCE): _RETRY for state in _SYNCS},
     **{(state, Signal.START): _BEGIN for state in _LIVE},

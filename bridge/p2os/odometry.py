@@ -25,10 +25,14 @@ class Odometry(Continuous):
         """Begin with the first status packet; about `near`, m, in the odometry's own frame."""
         super().__init__(units.cycle_s)
         self._near: tuple[float, float] | None = near
-        self._span_m = POSITION_COUNTS * units.distance_mm * 1e-3
         self._turn_s_m = units.diff_conv * 1e3 / 2  # rad/s for one m/s between the wheels
-        self._last: Status | None = None
         self._at = 0.0
+        self.convert(units)
+
+    def convert(self, units: P2osUnits) -> None:
+        """Count by other factors from the next status packet on, which is a base, not a step."""
+        self._span_m = POSITION_COUNTS * units.distance_mm * 1e-3
+        self._last: Status | None = None
 
     def rebase(self) -> None:
         """Take the next status packet as a base, not as a step: SETO was sent."""

@@ -35,7 +35,7 @@ from armadico.bridge.p2os.handshake import (
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
-from armadico.bridge.session import Connected, LinkLost, Unanswered
+from armadico.bridge.session import Connected, LinkLost, Unanswered, Unfit
 from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits, P2osUnits
 
@@ -46,6 +46,7 @@ LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
 LATE_S = 0.1  # an owner that calls so much later than that hung
 A_CYCLE = 3  # status packets that are decoded in a cycle, on average; a controller sends one
 BURST = 50  # status packets that are decoded at once, after a hang
+PAUSE_S = 5.0  # at most, before the next handshake if nothing followed the last ones
 ABSURD = 2.0  # times the profile's top speeds: no wheel turns so fast
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
@@ -57,7 +58,7 @@ class Reported(Neutral, frozen=True, kw_only=True):
     status: Status
 
 
-Event = Connected | Configuration | Reported | Encoders | LinkLost | Unanswered
+Event = Connected | Unfit | Configuration | Reported | Encoders | LinkLost | Unanswered
 
 _SIGNALS = {
     0x00: Signal.ECHO0,
@@ -79,6 +80,7 @@ class Session(Counting):
 
     Attributes:
         state: What the session waits for.
+        held: See `bridge.session`.
     """
 
     decoder: Decoder
@@ -101,9 +103,10 @@ class Session(Counting):
         self._ration = float(BURST)  # of status packets
         self.decoder = Decoder()
         self.odometry = Odometry(units, near)
-        self._units = units
+        self.held = False
+        self._profile_units = self._units = units
         self._half_track = half_track_m or 1e-3 / units.diff_conv
-        self._set_up = _set_up(limits)
+        self._limits = _limits(limits)
         self._fastest = inf if limits is None else ABSURD * _top_rim(units, limits)
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
@@ -113,6 +116,7 @@ class Session(Counting):
         self._ask_at: float | None = None
         self._asked = 0
         self._attempts = 0
+        self._fruitless = 0  # handshakes since the last status packet
         self._configured = self._enabled = False
         self._go(Signal.START)
 
@@ -124,7 +128,7 @@ class Session(Counting):
     @property
     def motors_due(self) -> bool:
         """Whether motors that are off were switched off at the robot, or held off there."""
-        return self.is_open and (self._enabled or self._ask_at is None)
+        return self.is_open and (self.held or self._enabled or self._ask_at is None)
 
     @property
     def next_wakeup(self) -> float | None:
@@ -186,6 +190,12 @@ class Session(Counting):
         """Ask for zero speeds, down the controller's ramps; the motors stay on."""
         self.drive(0, 0)
 
+    def emergency_stop(self) -> None:
+        """See `bridge.session`. Zero speeds follow: they hold once it rests."""
+        if self.is_open:
+            self._out += command(Cmd.E_STOP)
+            self._speeds = ZERO
+
     def pulse(self) -> None:
         """Feed the watchdog, if nothing that is queued does so already."""
         if self.is_open and not self._out and not self._speeds:
@@ -207,17 +217,21 @@ class Session(Counting):
         self._advance(now)
         self.decoder.begin()
         self._go(Signal.START)
+        if self._fruitless > 1:
+            self._go(Signal.PAUSE)
         return self._drain_events()
 
     def close(self) -> None:
         """Stop, motors off, end of session; `restart` begins another."""
+        self._fruitless = 0
         self._go(Signal.CLOSE)
 
     def _advance(self, now: float) -> None:
         """Note the time. After a hang the time-out begins anew; if open, zero speeds go first."""
         if self._deadline is not None:
             # By what passed since the last call, not by the time-out: a hang may end just on it.
-            late = now - self._now > (LOOK_S + LATE_S if self.is_open else HANG_S)
+            patience = max(HANG_S, self._deadline - self._now + LATE_S)
+            late = now - self._now > (LOOK_S + LATE_S if self.is_open else patience)
             if late:
                 self._out += ZERO if self.is_open else b""
                 self._deadline = now + TIMEOUTS_S[self.state]
@@ -244,9 +258,21 @@ class Session(Counting):
             self.malformed += 1
             return
         if payload[0] == 0x02 and (self.state, Signal.NAMES) in TRANSITIONS:
-            self._events.append(Connected(*decode_texts(payload[1:], 3)))
-        if payload[0] in _SIGNALS:
+            self._go(self._named(*decode_texts(payload[1:], 3)))
+        elif payload[0] in _SIGNALS:
             self._go(_SIGNALS[payload[0]])
+
+    def _named(self, name: str, class_name: str, subclass: str) -> Signal:
+        """Whether the profile fits the controller that names itself so; its factors count."""
+        units = self._profile_units.of(class_name, subclass)
+        if units is None:
+            self._events.append(Unfit(name, class_name, subclass))
+            return Signal.MISFIT
+        if units != self._units:
+            self._units = units
+            self.odometry.convert(units)
+        self._events.append(Connected(name, class_name, subclass))
+        return Signal.NAMES
 
     def _report(self, payload: bytes) -> None:
         """Make events of an open controller's packet."""
@@ -256,7 +282,9 @@ class Session(Counting):
             if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest:
                 self.absurd += 1
                 return
+            self._fruitless = 0
             self._enabled = self._enabled or status.motors_enabled
+            self.held = self.held and not status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
             self._events.append(self._reported(status))
         elif kind == CONFIG:
@@ -289,6 +317,8 @@ class Session(Counting):
         before = self.state
         self.state, actions = TRANSITIONS[before, signal]
         timeout = TIMEOUTS_S.get(self.state)
+        if timeout is not None and self.state is State.DRAIN and self._fruitless > 1:
+            timeout = min(timeout * 2.0 ** (self._fruitless - 1), PAUSE_S)
         self._deadline = None if timeout is None else self._now + timeout
         self._ask_at = None
         for action in actions:
@@ -310,7 +340,8 @@ class Session(Counting):
             self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
-        self._out += self._set_up
+        self._out += _opening(motors=not self.held) + self._limits
+        self._fruitless += 1
         self._configured = self._enabled = False
         self._attempts = self._asked = 0
         self._ask_at = self._now + ASK_AGAIN_S
@@ -323,9 +354,10 @@ class Session(Counting):
         self._asked += 1
         if not self._configured:
             self._out += command(Cmd.CONFIG, 1)
-        if not self._enabled:
+        if not (self._enabled or self.held):
             self._out += command(Cmd.ENABLE, 1)
-        done = self._asked == ASK_TIMES or (self._configured and self._enabled)
+        settled = self._configured and (self._enabled or self.held)
+        done = self._asked == ASK_TIMES or settled
         self._ask_at = None if done else self._now + ASK_AGAIN_S
 
     def _drain_events(self) -> list[Event]:
@@ -348,9 +380,15 @@ def _top_rim(units: P2osUnits, limits: Limits) -> float:
     return limits.v_max + limits.w_max / (units.diff_conv * 1e3)
 
 
-def _set_up(limits: Limits | None) -> bytes:
-    """What follows the handshake: motors on with zero speeds, sonar on, limits, CONFIG."""
-    packets = command(Cmd.OPEN) + ZERO + command(Cmd.ENABLE, 1) + command(Cmd.SONAR, 1)
+def _opening(*, motors: bool) -> bytes:
+    """What follows the handshake first: zero speeds, motors on unless they are held off, sonar."""
+    enable = command(Cmd.ENABLE, 1) if motors else b""
+    return command(Cmd.OPEN) + ZERO + enable + command(Cmd.SONAR, 1)
+
+
+def _limits(limits: Limits | None) -> bytes:
+    """What follows then: the profile's limits, if they are to count, and CONFIG."""
+    packets = b""
     if limits is not None:
         packets += quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
         packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)

@@ -28,6 +28,9 @@ TURN_UNITS = 4096  # THPOS and CONTROL, one turn
 _HEAD = struct.Struct("<BHHhhhBBBhHBB")  # type to the number of sonar readings
 _ECHO = struct.Struct("<BH")
 _TAIL = struct.Struct("<BBBBB")  # gripper, analogue port, analogue, digital in, digital out
+_LATER = struct.Struct("<Hbh")  # of ARCOS and AROS: battery, charge state, turn rate
+CHARGES = (1, 2, 3, 4)  # bulk, over, float, balance; 0 no, -1 unknown
+_TENTH_DEGREE = math.radians(0.1)
 SHORTEST = _HEAD.size
 _STALL = 0x01
 _BUMPERS = 0x3E
@@ -54,6 +57,7 @@ class Status(Struct, frozen=True, kw_only=True):
     rear_bumpers: int = 0
     control_rad: float = 0.0  # set point of the heading servo
     compass_rad: float = 0.0
+    turning_rad_s: float = 0.0  # as the controller reports it; 0 in the short form
     echoes: tuple[tuple[int, float], ...] = ()  # sonar index, range in m; no echo is the maximum
     digital_in: int = 0
     digital_out: int = 0
@@ -64,8 +68,11 @@ class Status(Struct, frozen=True, kw_only=True):
         return self.sonar_arrays != 0
 
 
-def encode_status(status: Status, units: P2osUnits) -> bytes:
-    """Encode a payload in the short form of P2OS, the one that every client reads."""
+def encode_status(status: Status, units: P2osUnits, *, short: bool = False) -> bytes:
+    """Encode a payload: of ARCOS, up to the turn rate, or in the short form of P2OS.
+
+    Clients of P2OS read no farther than the short form; those of ARCOS may need what follows it.
+    """
     count_m = units.distance_mm * 1e-3
     speed_m = units.velocity_mm * 1e-3
     head = _HEAD.pack(
@@ -84,7 +91,12 @@ def encode_status(status: Status, units: P2osUnits) -> bytes:
         len(status.echoes),
     )
     tail = _TAIL.pack(0, 0, 0, status.digital_in, status.digital_out)
-    return head + _encode_echoes(status.echoes, units.range_mm * 1e-3) + tail
+    payload = head + _encode_echoes(status.echoes, units.range_mm * 1e-3) + tail
+    if short:
+        return payload
+    turning = _limited(status.turning_rad_s / _TENTH_DEGREE)
+    decivolts = min(max(round(status.battery_v * 10), 0), 0xFFFF)
+    return payload + _LATER.pack(decivolts, int(status.charging), turning)
 
 
 def decode_status(payload: bytes, units: P2osUnits) -> Status:
@@ -102,6 +114,8 @@ def decode_status(payload: bytes, units: P2osUnits) -> Status:
     if len(payload) < end:
         raise ValueError(f"{count} sonar readings do not fit in {len(payload)} bytes")
     tail = payload[end : end + _TAIL.size].ljust(_TAIL.size, b"\0")
+    later = payload[end + _TAIL.size :][: _LATER.size].ljust(_LATER.size, b"\0")
+    decivolts, charge, turning = _LATER.unpack(later)
     count_m = units.distance_mm * 1e-3
     speed_m = units.velocity_mm * 1e-3
     return Status(
@@ -110,19 +124,20 @@ def decode_status(payload: bytes, units: P2osUnits) -> Status:
         theta_rad=_wrap_units(theta) * units.angle_rad,
         left_m_s=left * speed_m,
         right_m_s=right * speed_m,
-        battery_v=battery / 10,
+        battery_v=(decivolts or battery) / 10,
         moving=kind == MOVING,
         left_stall=bool(rear & _STALL),
         right_stall=bool(front & _STALL),
         motors_enabled=bool(flags & MOTORS_ENABLED),
         sonar_arrays=(flags & SONAR_ARRAYS) >> 1,
         stop_button=bool(flags & STOP_BUTTON),
-        charging=bool(flags & CHARGING),
+        charging=bool(flags & CHARGING) or charge in CHARGES,
         flags=flags,
         front_bumpers=(front & _BUMPERS) >> 1,
         rear_bumpers=(rear & _BUMPERS) >> 1,
         control_rad=_wrap_units(control) * units.angle_rad,
         compass_rad=math.radians(compass * 2),
+        turning_rad_s=turning * _TENTH_DEGREE,
         echoes=_decode_echoes(payload[SHORTEST:end], units.range_mm * 1e-3),
         digital_in=tail[3],
         digital_out=tail[4],

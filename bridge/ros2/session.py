@@ -12,6 +12,7 @@ more of the society stops by its own watchdog.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from math import copysign, degrees, inf, isfinite
 
 from msgspec.structs import replace
@@ -20,6 +21,7 @@ from pycdr2 import IdlStruct
 from armadico.bridge.counting import Counting
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
+from armadico.bridge.ros2.described import odometry_differs, scan_differs
 from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
 from armadico.bridge.ros2.geometry import norm2, yaw
 from armadico.bridge.ros2.hazards import Hazards
@@ -30,6 +32,7 @@ from armadico.bridge.ros2.rangers import Rangers
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,
+    Differs,
     Event,
     LinkLost,
     Noted,
@@ -63,6 +66,7 @@ JUMPS, JUMP_FADES = 3.0, 0.2  # so many, less this for each cycle without one
 JUMPING = "the odometry jumps again and again: is it that of one robot?"
 
 RESTARTED = "its odometry begins elsewhere, as that of a robot that was started again"
+UNSTAMPED = "the odometry has no time stamp (it is 0)"
 SEVERAL = "more than one robot publishes odometry here, and would obey"
 
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
@@ -85,6 +89,7 @@ class Session(Counting):
 
     Attributes:
         is_open: Whether odometry comes, so that speeds that are asked for reach the robot.
+        held: See `bridge.session`: no message switches motors on, so it is of no use here.
     """
 
     decoder: Decoder
@@ -92,8 +97,9 @@ class Session(Counting):
 
     def __init__(self, profile: Ros2Robot, now: float) -> None:
         """Begin at time `now`, s of any clock."""
+        self._profile = profile
         self._ros2, limits = profile.ros2, profile.limits
-        self.is_open = False
+        self.is_open = self.held = False
         self.decoder = Decoder()
         self.odometry = Odometry(self._ros2.cycle_s)
         self._fastest = (
@@ -197,6 +203,14 @@ class Session(Counting):
         """See `bridge.session`."""
         self.drive(0.0, 0.0)
 
+    def emergency_stop(self) -> None:
+        """See `bridge.session`: zero speeds, past the ramps."""
+        if self.is_open:
+            self._asked = self._said = (0.0, 0.0)
+            self._said_at = self._now
+            self._fresh, self._ramp_at = False, None
+            self._out += self._command(0.0, 0.0)
+
     def pulse(self) -> None:
         """See `bridge.session`: a base at rest has no use for it."""
 
@@ -235,6 +249,7 @@ class Session(Counting):
         self._asked = self._said = (0.0, 0.0)
         self._stamp_at = self._scan = self._swept = None
         self._heard = self._wrong = ""
+        self._compared: set[object] = set()  # what was compared with the profile: topics
         self._attempts = 0
         self._deadline = self._now + self._patience
         self._began_at = self._now
@@ -326,7 +341,7 @@ class Session(Counting):
         """By its stamp: whether it makes a cycle."""
         stamp = _stamp(payload)
         if stamp == self._stamp:  # said twice, or its clock stands still
-            self._wrong = "the odometry's stamp stands still"
+            self._wrong = "the odometry's stamp stands still" if stamp else UNSTAMPED
             return
         if self._stamp_at is not None and stamp < self._stamp:
             self.malformed += 1
@@ -418,6 +433,7 @@ class Session(Counting):
             self.absurd += 1
             self._wrong = f"the odometry says {v:.2f} m/s, {w:.2f} rad/s"
             return None
+        self._compare(self._ros2.odom, odometry_differs(self._profile, odometry))
         if odometry.child_frame_id not in ("", self._base):
             self._base = odometry.child_frame_id
             self._mounts.clear()
@@ -439,12 +455,16 @@ class Session(Counting):
         try:
             self._scan_stamp = stamp = _stamp(payload)
             age = self._stamp - stamp
+            if stamp == 0.0 and self._stamp > self._old_s:
+                self._swept = None
+                return "its scans have no time stamp (it is 0): set one in its driver"
             if stamp == before:
                 return "it says the same scan again and again"
             if abs(age) > self._old_s:
                 self._swept = None
+                where = "older than" if age > 0.0 else "ahead of"
                 return (
-                    f"its scans are older than the odometry, by {age:.3g} s: do the clocks agree?"
+                    f"its scans are {where} the odometry, by {abs(age):.3g} s: do the clocks agree?"
                 )
             self._scans += 1
             laser, scan = self._laser, decode(types.LaserScan, payload)
@@ -455,6 +475,7 @@ class Session(Counting):
                 tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
                 raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
             self._swept = swept(scan, laser, mount, self._scans)
+            self._compare(self._ros2.scan, scan_differs(self._profile, laser, scan))
         except ValueError as error:
             self.malformed += 1
             self._swept = None
@@ -513,6 +534,12 @@ class Session(Counting):
                 )
             mount = self._mounts[frame] = said
         return mount
+
+    def _compare(self, topic: Topic | None, differences: Iterator[str]) -> None:
+        """Report where the first good message of a topic differs from the profile."""
+        if topic not in self._compared:
+            self._compared.add(topic)
+            self._events += map(Differs, differences)
 
     # What people should know ----------------------------------------------------------------------
 

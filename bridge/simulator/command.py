@@ -39,6 +39,7 @@ EXAMPLES: Final = """\
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
   armadico sim sc1 --unkind                  with the traps of other people's controllers
+  armadico sim sc1 --unkind short            with P2OS's short status packets, not ARCOS's
   armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
   armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
 """

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import inf, remainder, tau
 
-from armadico.bridge.p2os.commands import Cmd, Command, decode_command
+from armadico.bridge.p2os.commands import Cmd, Command, command, decode_command
 from armadico.bridge.p2os.configuration import (
     Configuration,
     Encoders,
@@ -40,6 +40,9 @@ SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further
 IDLE_S = 10.0  # MobileSim gives a handshake so long
 PWM_MAX = 500  # as a real P3-DX says
 WORLD_M = 1e4  # no world reaches farther; 32 bits of mm would put the robot 2000 km away
+PULSE = command(Cmd.PULSE)
+FLOOD = 40 * PULSE
+"""Longer than any packet, so it is pulses. One means the same, and delays no stop behind them."""
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
 
 
@@ -106,7 +109,7 @@ class Microcontroller:
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote; it takes effect at once, at the time reached."""
         self._fed_at = self._now
-        for payload in self.decoder.feed(data, self.time_s):
+        for payload in self.decoder.feed(data.replace(FLOOD, PULSE), self.time_s):
             self._heard_at = self._now
             if self._sync < 3:
                 self._synchronise(payload)
@@ -251,10 +254,12 @@ class Microcontroller:
             charging=plant.charging,
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
+            turning_rad_s=plant.w,
             echoes=self._firing.take(),
             digital_out=self._digital_out,
         )
-        self._out += encode(encode_status(status, self._profile.p2os))
+        short = Trap.SHORT in self._traps
+        self._out += encode(encode_status(status, self._profile.p2os, short=short))
 
 
 _COMMANDS: dict[int, Callable[[Microcontroller, Command], None]] = {

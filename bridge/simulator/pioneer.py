@@ -27,6 +27,9 @@ class Pioneer(SimulatedRobot):
         if Trap.RAYS in traps:
             profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
         plant = Plant(profile, sensors, site, streams)
-        loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
+        motor, body = profile.motor, profile.body
+        emf = motor.back_emf_v_s * motor.gear_ratio / body.wheel_radius_m
+        per_axis = emf, emf * body.half_track_m
+        loops = SpeedLoops(profile.speed_loop, motor.supply_v, emf=per_axis)
         controller = Microcontroller(profile, plant, loops, traps)
         super().__init__(plant, controller, profile.p2os.name, profile.p2os.cycle_s)

@@ -16,7 +16,7 @@ from typing import Final, Protocol
 
 from armadico.bridge.simulator.simulated import SimulatedRobot
 
-CHUNK: Final = 4096
+CHUNK: Final = 65536
 POLL_S: Final = 0.1
 """The longest wait, so that a request to stop is noticed."""
 

@@ -22,6 +22,9 @@ class Trap(Enum):
     RAYS = "rays"
     """A sonar is a single ray: what stands beside its middle is not there."""
 
+    SHORT = "short"
+    """Status packets end at the digital outputs, as those of P2OS do; ARCOS has more."""
+
     ODOMETRY = "odometry"
     """OPEN sets the odometry to zero."""
 

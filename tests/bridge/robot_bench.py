@@ -14,7 +14,13 @@ from armadico.config.profile import RobotProfile
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
 
-NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
+
+def names_of(subclass: str, class_name: str = "Pioneer", name: str = "Rob") -> bytes:
+    """The answer to SYNC2."""
+    return encode(b"\x02" + b"".join(s.encode() + b"\0" for s in (name, class_name, subclass)))
+
+
+NAMES = names_of("p2dx")
 PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)
 BALLOT = Ballot(5, 0.6, False, "goto-1")
 TICK = 0.01
@@ -56,6 +62,11 @@ class Bench:
 
     def status(self, **fields: object) -> RobotState:
         """A status packet, and the robot/state that comes of it."""
+        self.report(**fields)
+        return self.state()
+
+    def report(self, **fields: object) -> None:
+        """A status packet, whatever comes of it."""
         plain: dict[str, object] = {
             "x_m": self.x_m,
             "y_m": 0,
@@ -66,7 +77,6 @@ class Bench:
         plain |= {"battery_v": 12.5, "echoes": ((3, 2.0),), "motors_enabled": True}
         status = Status(**(plain | fields))  # type: ignore[arg-type]
         self.answer(encode(encode_status(status, PROFILE.p2os)))
-        return self.state()
 
     def let_pass(self, seconds: float, *, statuses: bool = False) -> None:
         for step in range(1, round(seconds / TICK) + 1):

@@ -14,8 +14,10 @@ from armadico.bridge.p2os.packets import encode
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.reflex import HELD_S
 from armadico.bridge.robot import PATIENCE_S, PULSE_S, Parameters, Robot
+from armadico.config.profile import load_profile
 from armadico.core.agent import ERROR, INFO, REPORT_S, WARNING, Identity
 from armadico.core.cycles import LISTEN
+from armadico.core.hands import Hand
 from armadico.core.messages import (
     JUMP,
     Ack,
@@ -26,6 +28,7 @@ from armadico.core.messages import (
     Description,
     Line,
     Log,
+    LogEvent,
     MessageError,
     Origin,
     RobotState,
@@ -34,7 +37,7 @@ from armadico.core.messages import (
     checked,
 )
 from armadico.core.resources import WHEELS
-from tests.bridge.robot_bench import BALLOT, NAMES, PROFILE, TICK, Bench
+from tests.bridge.robot_bench import BALLOT, NAMES, PROFILE, TICK, Bench, names_of
 
 CLOSE = command(Cmd.CLOSE)
 AT_REST = Status(
@@ -99,8 +102,204 @@ def test_a_name_of_control_characters_reaches_nobody(bench: Bench) -> None:
     assert bench.logs()[-1].isprintable()
     bench.unplug()
     bench.plug()
-    bench.answer(encode(b"\x02"))
-    assert "a controller without a name" in bench.logs()[-1]
+    bench.answer(encode(b"\x02\0Pioneer\0p2dx\0"))
+    assert any("a controller without a name" in text for text in bench.logs())
+
+
+# Which controller it is ---------------------------------------------------------------------------
+
+CONTROLLERS = [
+    # class, subclass, profile, whether it is driven, the profiles that are named
+    ("Pioneer", "p2dx", "pioneer-2dx", True, ()),
+    ("Pioneer", "P2DX", "pioneer-2dx", True, ()),
+    ("Pioneer", "p2dx", "pioneer-16", True, ()),
+    ("Pioneer", "p2de", "pioneer-2dx", False, ()),
+    ("Pioneer", "p3dx", "pioneer-2dx", False, ("pioneer-3dx",)),
+    ("Pioneer", "p3dx-sh", "pioneer-2dx", False, ("pioneer-3dx",)),
+    ("Pioneer", "p3at-sh", "pioneer-2dx", False, ("pioneer-3at",)),
+    ("Pioneer", "amigo-sh", "pioneer-2dx", False, ("amigobot",)),
+    ("Pioneer", "p3dx-sh", "pioneer-3dx", True, ()),
+    ("Pioneer", "p3dx-sh-lms1xx", "pioneer-3dx", True, ()),
+    ("Pioneer", "p3dx", "pioneer-3dx", True, ()),
+    ("Pioneer", "p3at-sh", "pioneer-3dx", False, ("pioneer-3at",)),
+    ("Pioneer", "p2dx", "pioneer-3dx", False, ("pioneer-2dx", "pioneer-16")),
+    ("Pioneer", "p3at-sh", "pioneer-3at", True, ()),
+    ("Pioneer", "p3at", "pioneer-3at", True, ()),
+    ("Pioneer", "p3dx-sh", "pioneer-3at", False, ("pioneer-3dx",)),
+    ("Pioneer", "p2dx", "amigobot", False, ("pioneer-2dx", "pioneer-16")),
+    ("Pioneer", "powerbot-sh", "pioneer-3dx", False, ()),
+    ("Toaster", "p2dx", "pioneer-2dx", False, ()),
+    ("", "", "pioneer-2dx", False, ()),
+]
+MOVING = {Cmd.ENABLE, Cmd.VEL, Cmd.RVEL, Cmd.VEL2, Cmd.MOVE, Cmd.HEAD}
+"""What may set wheels in motion."""
+
+
+@pytest.mark.parametrize(("class_name", "subclass", "profile", "driven", "named"), CONTROLLERS)
+def test_only_a_controller_of_the_profiles_type_is_opened(
+    class_name: str, subclass: str, profile: str, driven: bool, named: tuple[str, ...]
+) -> None:
+    bench = Bench(profile=profile)
+    bench.plug()
+    bench.answer(SYNC0, SYNC1, names_of(subclass, class_name))
+    refused = [m.text for _, m in bench.said if isinstance(m, Log) and m.event == LogEvent.UNFIT]
+    assert bool(bench.sent(Cmd.ENABLE)) is driven
+    assert bool(refused) is not driven
+    assert bool(bench.robot.card().fault) is not driven
+    assert all(name in refused[0] for name in named)
+    bench.report()
+    assert bool(bench.sent(Cmd.SONAR)) is driven
+    assert any(isinstance(m, RobotState) for _, m in bench.said) is driven
+    if not driven:
+        bench.let_pass(20.0)
+        assert not [n for _, n, value in bench.written if n in MOVING and value]
+
+
+def test_a_controller_of_another_type_after_a_broken_line_is_not_moved(ready: Bench) -> None:
+    ready.command(0.3)
+    ready.unplug()
+    ready.let_pass(0.5)
+    ready.plug()
+    began = ready.now
+    ready.answer(SYNC0, SYNC1, names_of("p3dx-sh"))
+    ready.status()
+    ready.command(0.3)
+    ready.let_pass(3.0)
+    assert {n for at, n, _ in ready.written if at >= began} & MOVING == set()
+    assert "pioneer-3dx" in ready.robot.card().fault
+    ready.plug()  # and the right one again
+    ready.answer(SYNC0, SYNC1, NAMES)
+    assert ready.sent(Cmd.ENABLE, began)
+    assert not ready.robot.card().fault
+
+
+@pytest.mark.parametrize(
+    ("subclass", "name", "latched"),
+    [
+        ("p3dx-sh", "Rob", False),
+        ("P3DX-SH", "Rob", False),
+        ("p3dx-sh", "Other", False),
+        ("p3dx", "Rob", True),
+        ("p3dx-sh-lms1xx", "Rob", True),
+    ],
+)
+def test_a_controller_of_another_type_that_fits_takes_a_release_to_be_driven(
+    subclass: str, name: str, latched: bool
+) -> None:
+    bench = Bench(profile="pioneer-3dx")
+    bench.plug()
+    bench.answer(SYNC0, SYNC1, names_of("p3dx-sh"))
+    bench.cycles(LISTEN + 2)
+    bench.unplug()
+    bench.plug()
+    bench.answer(SYNC0, SYNC1, names_of(subclass, name=name))
+    stop = bench.status().stop
+    assert (stop.by == Hand.EXCHANGED) is latched
+    assert any("the same robot" in text for text in bench.logs()) is (latched or name != "Rob")
+    began = bench.now + TICK
+    bench.let_pass(0.1)
+    bench.command(0.3)
+    assert any(bench.speeds(began)) is not latched
+
+
+def test_a_refused_controller_is_asked_again_and_told_ever_more_rarely(bench: Bench) -> None:
+    bench.plug()
+    for _ in range(60):
+        bench.answer(SYNC0, SYNC1, names_of("p3dx-sh"))
+        bench.let_pass(6.0)
+    assert len(bench.sent(Cmd.PULSE)) > 50, "SYNC0 has its number"
+    assert 3 <= sum("pioneer-3dx" in text for text in bench.logs()) <= 8
+
+
+def test_of_a_subclass_with_factors_of_its_own_those_count() -> None:
+    """A P3-DX of before ARCOS counts 0.485 mm, one of after it whole ones."""
+    ways = {}
+    for subclass in ("p3dx", "p3dx-sh"):
+        bench = Bench(profile="pioneer-3dx")
+        bench.plug()
+        bench.answer(SYNC0, SYNC1, names_of(subclass))
+        packet = encode_status(AT_REST, load_profile("pioneer-3dx").p2os)
+        before = packet[:1] + (1000).to_bytes(2, "little") + packet[3:]
+        bench.answer(encode(before))
+        ways[subclass] = bench.state().x
+    assert ways == pytest.approx({"p3dx": 0.485, "p3dx-sh": 1.0})
+
+
+# A controller that answers, and sends nothing -----------------------------------------------------
+
+
+@pytest.mark.parametrize("hangs_up", [True, False])
+def test_where_nothing_follows_the_handshake_it_tries_and_tells_ever_more_rarely(
+    bench: Bench, hangs_up: bool
+) -> None:
+    bench.plug()
+    for _ in range(1200):
+        before = len(bench.written)
+        bench.let_pass(0.1)
+        if any(number == Cmd.PULSE for _, number, _ in bench.written[before:]) or bench.now < 0.2:
+            bench.answer(SYNC0, SYNC1, NAMES)
+            if hangs_up:
+                bench.unplug()
+                bench.let_pass(0.1)
+                bench.plug()
+    lines = len(bench.logs())
+    assert lines <= 40, "in two minutes"
+    assert 15 <= len(bench.sent(Cmd.OPEN)) <= 60, "SYNC1 has its number"
+
+
+def test_after_a_status_packet_a_lost_link_is_tried_again_at_once(ready: Bench) -> None:
+    ready.let_pass(1.3)
+    began = ready.now
+    assert ready.sent(Cmd.PULSE, began - 0.3), "SYNC0 has its number"
+
+
+# Motors that a person switched off ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", ["line", "port", "agent"])
+def test_motors_that_a_person_switched_off_stay_off_when_it_is_opened_again(
+    ready: Bench, how: str
+) -> None:
+    stop = ready.status(motors_enabled=False).stop
+    assert stop.by == Hand.MOTORS
+    began = ready.now + TICK
+    if how == "line":
+        ready.let_pass(1.5)
+        ready.answer(SYNC0, SYNC1, NAMES)
+    elif how == "port":
+        ready.unplug()
+        ready.let_pass(1.0)
+        ready.plug()
+        ready.answer(SYNC0, SYNC1, NAMES)
+    else:
+        ready = Bench()
+        began = 0.0
+        ready.robot.remember(stop, 0.0)
+        ready.connect()
+    for _ in range(20):
+        ready.let_pass(0.1)
+        stop = ready.status(motors_enabled=False).stop
+    assert not ready.sent(Cmd.ENABLE, began)
+    ready.hand(Stop(stop.counter + 1, False, "a person", stop.press))
+    stop = ready.status(motors_enabled=False).stop
+    assert stop.by == Hand.MOTORS, "a release does not hold while they are off"
+    ready.let_pass(0.1)
+    ready.status()  # the MOTORS button
+    ready.hand(Stop(stop.counter + 1, False, "a person", stop.press))
+    ready.cycles(LISTEN)
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+def test_once_they_are_on_again_a_new_link_switches_them_on(ready: Bench) -> None:
+    ready.status(motors_enabled=False)
+    ready.let_pass(0.1)
+    ready.status()
+    ready.unplug()
+    ready.plug()
+    began = ready.now
+    ready.answer(SYNC0, SYNC1, NAMES)
+    assert ready.sent(Cmd.ENABLE, began)
 
 
 def test_each_status_packet_is_a_cycle_and_its_sonars_are_of_it(bench: Bench) -> None:

@@ -30,6 +30,7 @@ from armadico.core.messages import (
     Sonar,
     Stop,
 )
+from armadico.core.resources import WHEELS
 from armadico.core.scans import bearings_of, points_of, ranges_of
 from tests.bridge.ros2.robot import CLOCK_S, JACKAL, hazards, odometry, ranged, scan
 
@@ -51,6 +52,7 @@ class Bench:
         self.told: list[tuple[float, float, float]] = []
         self.decoder = Decoder()
         self.ranges: list[float] | None = [2.0] * 21
+        self.step = 0.1
         self.agent.start(0.0)
         self.agent.take_link(True, "", 0.0)
         self.take()
@@ -85,7 +87,7 @@ class Bench:
             if round(self.now * 100) % 2 == 0 and not silent:
                 self.x += 0.02 * self.speeds[0]
                 if self.ranges is not None and round(self.now * 100) % 4 == 0:
-                    data = scan(CLOCK_S + self.now, self.ranges, most=30.0)
+                    data = scan(CLOCK_S + self.now, self.ranges, step=self.step, most=30.0)
                     assert self.ros2.scan is not None
                     self.raw(frame(self.ros2.scan.name, data))
                 v, w = self.speeds
@@ -239,6 +241,30 @@ def test_a_laser_of_nan_and_zero_says_nothing_valid(ready: Bench) -> None:
     ready.ranges = [nan, 0.0] * 10
     ready.go(0.3)
     assert np.isnan(ranges_of(ready.all(Scan)[-1])).all()
+
+
+def test_rays_that_lie_far_apart_limit_the_speed_and_that_is_said_once() -> None:
+    bench = Bench()
+    bench.step = 0.7
+    bench.ranges = [20.0] * 8
+    bench.go(0.1 * (LISTEN + 3))
+    assert bench.all(Description)[-1].v_max == JACKAL.limits.v_max
+    assert bench.logs().count("degrees apart") == 1
+    told = len(bench.told)
+    bench.go(2.0, command=(JACKAL.limits.v_max, 1.0))
+    top, turn = bench.told[-1][1:]
+    assert 0.1 <= top < 0.5 * JACKAL.limits.v_max
+    assert turn == pytest.approx(top / JACKAL.limits.v_max), "the same arc, slower"
+    assert max(v for _, v, _ in bench.told[told:]) <= top + 1e-9
+
+
+def test_a_robot_that_is_otherwise_than_its_profile_is_doubted_and_driven() -> None:
+    bench = Bench()
+    bench.go(1.0)
+    assert "8 rays" not in bench.logs()
+    assert "21 rays" in bench.logs()
+    assert "21 rays" in bench.agent.card().doubts
+    assert bench.agent.unavailable(WHEELS) == ""
 
 
 def test_who_else_drives_is_named(ready: Bench) -> None:

@@ -17,7 +17,9 @@ from rich.console import Console
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
 from armadico.core.messages import (
+    PROTOCOL,
     BatteryLevel,
+    Card,
     Correction,
     Cycle,
     Line,
@@ -71,6 +73,15 @@ def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
     assert returned(doctor.hosts(args)) == {"lab1", "lab2"}
     args.hosts = None
     assert returned(doctor.hosts(args)) == set()
+
+
+def test_what_agents_report_of_themselves_is_shown() -> None:
+    card = Card("robot", "robot-1", "here", 1, "1", PROTOCOL, (), (), ())
+    assert list(doctor._faults([card])) == []
+    (fault,) = doctor._faults([replace(card, fault="another controller")])
+    assert (fault.subject, fault.verdict, fault.what) == ("robot", "wrong", "another controller")
+    (doubt,) = doctor._faults([replace(card, doubts="another laser")])
+    assert (doubt.verdict, doubt.what) == (doctor.NOTE, "another laser")
 
 
 WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)

@@ -12,7 +12,7 @@ from armadico import cli
 from armadico.config.shipped import resource_path
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
-from tests.programs import call
+from tests.programs import call, starter
 
 CLOSED = """\
 2D-Map
@@ -362,6 +362,21 @@ def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:
     assert done.returncode == 1
     assert f"the robot on {url} did not answer" in done.stderr
     assert "nobody listens there; is the simulator running" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not done.stdout
+
+
+@pytest.mark.live
+def test_a_robot_of_another_type_than_the_profile_ends_the_run_with_the_profile_to_use(
+    apart: None,
+) -> None:
+    with starter() as start:
+        sim = start("sim", "sc1", "--robot", "amigobot", "--port", "0", "--namespace", "sim-of-it")
+        assert sim.stdout is not None
+        url = sim.stdout.readline().partition(" at ")[2].partition(";")[0]
+        done = call("run", "sc1", "--robot", url, within=100)
+    assert done.returncode == 1
+    assert "the profile amigobot" in done.stderr
     assert "Traceback" not in done.stderr
     assert not done.stdout
 

@@ -31,11 +31,11 @@ def test_a_scan_comes_back_to_a_millimetre_and_is_small() -> None:
 
 
 def test_what_is_no_range_is_told_from_what_is_free() -> None:
-    said = scan([nan, 0.0, -1.0, -inf, 0.05, inf, 31.0, 30.0, 0.1])
+    said = scan([nan, 0.0, -1.0, -inf, 0.05, inf, 31.0, 30.0, 29.99, 0.1])
     found = ranges_of(said)
     assert np.isnan(found[:5]).all(), "nothing valid: nobody takes it for free"
-    assert np.isinf(found[5:7]).all()
-    assert found[7:].tolist() == [30.0, 0.1]
+    assert np.isinf(found[5:8]).all(), "the limit itself is no wall"
+    assert found[8:].tolist() == [29.99, 0.1]
     assert len(points_of(said)) == 2
 
 

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from armadico.bridge.p2os.commands import Cmd, Command
+from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.bridge.simulator.motion import Plant
+from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.loading import names as shipped
 from armadico.config.profile import NEVER_S, load_profile
 from armadico.config.scenarios import load_scenario, sensing
+from armadico.core.hands import Hand
+from armadico.core.messages import Log, RobotState
 from armadico.launch.society import Options, names, prepared
 from armadico.launch.virtual import Rehearsal
 from tests.driven import Driven
@@ -26,6 +33,8 @@ WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
         ("sc3", "turtlebot3-burger"),
         ("sc4", "turtlebot4"),
         ("sc3", "create3"),
+        ("sc4", "pioneer-3dx"),
+        ("sc4", "pioneer-3at"),
     ],
 )
 def test_it_reaches_the_goal_and_touches_nothing(name: str, robot: str) -> None:
@@ -62,7 +71,7 @@ class Watched(Driven):
     def __init__(self, robot: str, name: str = "sc3", seed: int = 12) -> None:
         options = Options(seed=seed, sensors="ideal")
         scenario = prepared(load_scenario(name), options, profile=robot)
-        super().__init__(Rehearsal(scenario, options))
+        super().__init__(Rehearsal(scenario, options), RobotState, Log)
         self.begin()
         self.plant = self.run.robot.plant
 
@@ -113,3 +122,52 @@ def test_without_whoever_sees_it_rests(robot: str) -> None:
     watched.run.enter("laser")
     watched.let_pass(2.0)
     watched.drive(0.1)
+
+
+def runs_away(robot: SimulatedRobot) -> None:
+    """Whatever it is told, its controller drives it at 0.5 m/s, until the emergency stop."""
+    controller = robot.controller
+    assert isinstance(controller, Microcontroller)
+    obey = controller._obey
+    controller._motion.linear.set_speed(0.5)
+
+    def deaf(command: Command) -> None:
+        if command.number != Cmd.VEL:
+            obey(command)
+
+    controller._obey = deaf  # type: ignore[method-assign]
+
+
+def loses_an_encoder(robot: SimulatedRobot) -> None:
+    """The right one: the wheel turns, and is reported at rest."""
+    controller = robot.controller
+    assert isinstance(controller, Microcontroller)
+    plant = controller._plant
+    controller._plant = HalfBlind(plant)
+
+
+class HalfBlind:
+    """A plant of which the right encoder counts nothing."""
+
+    right_m_s = 0.0
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._plant, name)
+
+
+@pytest.mark.parametrize("fault", [runs_away, loses_an_encoder])
+def test_a_robot_that_does_not_move_as_ordered_is_stopped_until_a_person_releases_it(
+    fault: Callable[[SimulatedRobot], None],
+) -> None:
+    watched = Watched("pioneer-2dx", "sc1")
+    watched.drive()
+    assert not watched.last(RobotState).stop.stopped
+    fault(watched.run.robot)
+    assert watched.until(lambda: watched.last(RobotState).stop.stopped, limit=10.0)
+    assert watched.last(RobotState).stop.by == Hand.DISOBEYS
+    assert any("does not move as ordered" in log.text for log in watched.of(Log))
+    watched.let_pass(3.0)
+    assert abs(watched.plant.speeds[0]) < 0.02

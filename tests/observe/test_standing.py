@@ -160,6 +160,19 @@ def test_who_has_just_come_has_not_failed_yet() -> None:
     assert sorts == [Sort.STARTING, Sort.STARTING, Sort.DEVICE]
 
 
+def test_a_robot_agent_that_reports_a_fault_is_quoted_long_after_it_logged_it() -> None:
+    known = Overheard().view
+    robot = next(each for each in known.agents if each.name == "robot")
+    assert robot.card is not None
+    view = View()
+    view.token(robot.instance, there=True, t=0.0)
+    view.learn(replace(robot.card, fault="Rob is a p3dx, and not a p2dx"), 100.0)
+    found = standing(view, 100.1)
+    assert found.cause is not None
+    assert found.cause.sort is Sort.DEVICE
+    assert "not a p2dx" in found.cause.what
+
+
 def test_what_has_just_come_again_is_not_said_not_to_arrive() -> None:
     """Bids are asked for once a second: what they lacked then may be there by now."""
     heard = Overheard().drive()

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armadico.core.hands import Hand
 from armadico.core.latched import Memory
 from armadico.core.messages import JUMP, LARGEST_COUNT, Cycle, RobotState, Stop, checked
 from armadico.runtime.latch import HELD_S, SILENT_S, Latching
@@ -31,6 +32,7 @@ class Robot:
         self.number = 0
         self.said: list[Stop] = []
         self.speeds = (0.0, 0.0)
+        self.motors = True
 
     @property
     def stop(self) -> Stop:
@@ -41,7 +43,7 @@ class Robot:
         self.now += 0.1
         self.number += 1
         at, latch = Cycle(1, self.number), stop or self.stop
-        state = RobotState(at, 0, 0, 0, *self.speeds, 12, True, False, latch)
+        state = RobotState(at, 0, 0, 0, *self.speeds, 12, self.motors, False, latch)
         self.press.hear(state, self.now)
 
     def turn(self) -> None:
@@ -197,6 +199,20 @@ def test_a_stop_that_was_pressed_meanwhile_is_not_released(ahead: int) -> None:
     assert robot.stop.stopped
     assert not robot.press.done
     assert "by another" in robot.press.refusal
+
+
+@pytest.mark.parametrize("hand", [Hand.MOTORS, Hand.LIFTED])
+def test_a_release_that_the_robot_agent_does_not_let_stand_says_what_has_to_be_done_first(
+    hand: Hand,
+) -> None:
+    robot = Robot(Stop(7, True, hand, 5), stopped=False)
+    robot.motors = hand is not Hand.MOTORS
+    robot.state()
+    robot.memory.hear(Stop(9, True, hand, 6), robot.now)  # it latches again at once
+    robot.turns(30)
+    assert not robot.press.done
+    assert hand.remedy in robot.press.refusal
+    assert "armadico resume" in robot.press.refusal
 
 
 def test_the_same_stop_counted_on_by_others_is_released() -> None:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from armadico.bridge.p2os.commands import Cmd, set_pose
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, set_pose
 from armadico.bridge.p2os.configuration import decode_configuration
 from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load_entry
@@ -127,3 +128,24 @@ def test_the_configuration_tells_when_motors_are_stalled_and_for_how_long(robot:
     configuration = decode_configuration(robot.run(0)[-1])
     assert 0 < configuration.stall_pwm < configuration.pwm_max
     assert configuration.stall_s == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("gap", [0.03, 0.05, 0.07])
+@pytest.mark.parametrize("degrees", [20, 40, 60, 100])
+def test_turning_off_a_wall_it_does_not_lurch(
+    profile: RobotProfile, gap: float, degrees: int
+) -> None:
+    """It pushes itself off with a corner, and its loops wind up as long as the wall holds it."""
+    ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
+    aside = profile.body.width_m / 2 + gap
+    robot = Pioneer(profile, ideal, Site([(-3.0, aside, 3.0, aside)]), seeded(1))
+    for packet in (SYNC0, SYNC1, SYNC2, command(Cmd.OPEN), command(Cmd.ENABLE, 1)):
+        robot.controller.receive(packet)
+    robot.controller.receive(command(Cmd.RVEL, degrees))
+    fastest = 0.0
+    for step in range(1, 1200):
+        robot.controller.receive(command(Cmd.PULSE))
+        robot.controller.advance(step * robot.plant.step_s)
+        rims = robot.plant.left_m_s, robot.plant.right_m_s
+        fastest = max(fastest, *map(abs, rims))
+    assert fastest < 2.0 * math.radians(degrees) * profile.body.half_track_m + 0.02

@@ -12,12 +12,16 @@ from armadico.bridge.p2os.commands import (
     SYNC1,
     SYNC2,
     Cmd,
+    Command,
+    command,
+    decode_command,
 )
 from armadico.bridge.p2os.configuration import (
     CONFIG,
     decode_configuration,
 )
 from armadico.bridge.p2os.packets import encode
+from armadico.bridge.simulator import microcontroller
 from armadico.config.profile import RobotProfile
 
 if TYPE_CHECKING:
@@ -113,6 +117,28 @@ def test_a_lost_header_does_not_hold_a_stop_back(robot: Bench, header: bytes) ->
     robot.send(Cmd.STOP)
     robot.run(1.6)  # nothing else comes, and the watchdog is not yet due
     assert robot.plant.v == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize("size", [7, 4096, 65536])
+def test_a_stop_behind_a_flood_of_pulses_waits_for_few_of_them(
+    robot: Bench, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    robot.send(Cmd.VEL, 300)
+    robot.watched(2.0)
+    decoded: list[int] = []
+
+    def counted(payload: bytes) -> Command:
+        decoded.append(payload[0])
+        return decode_command(payload)
+
+    monkeypatch.setattr(microcontroller, "decode_command", counted)
+    stream = command(Cmd.PULSE) * 20_000 + command(Cmd.E_STOP)
+    for at in range(0, len(stream), size):
+        robot.controller.receive(stream[at : at + size])
+    assert decoded[-1] == Cmd.E_STOP
+    assert Cmd.PULSE in decoded
+    assert len(decoded) < 2_000 or size < len(microcontroller.FLOOD)
+    assert robot.watched(0.3)[-1].left_m_s == pytest.approx(0.0, abs=0.1)
 
 
 def test_even_an_unknown_command_feeds_the_watchdog(robot: Bench) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
+from armadico.bridge.p2os.status import STATUS_TYPES
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.traps import KIND, Trap
@@ -74,6 +75,18 @@ def test_open_may_set_the_odometry_to_zero(
         bench.plant.odometry = (1.5, 0.0, 0.0)
         bench.connect()
         assert bench.watched(0.1)[0].x_m == pytest.approx(expected, abs=1e-3)
+
+
+def test_status_packets_are_those_of_arcos_or_of_p2os(
+    make: Callable[..., Bench], profile: RobotProfile
+) -> None:
+    lengths = {}
+    for traps in (KIND, frozenset({Trap.SHORT})):
+        bench = make(profile, traps)
+        bench.connect()
+        bench.controller.receive(command(Cmd.SONAR, 0))
+        lengths[traps] = [len(p) for p in bench.run(0.25) if p[0] in STATUS_TYPES][-1]
+    assert lengths == {KIND: 30, frozenset({Trap.SHORT}): 25}
 
 
 def test_a_sonar_may_be_a_single_ray(profile: RobotProfile) -> None:

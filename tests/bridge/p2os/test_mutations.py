@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, command
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.session import Reported, Session
 from armadico.bridge.p2os.status import Status, encode_status
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "transcripts"
 SEEDS = range(60)
+NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 
 
 def mangled(stream: bytes, draws: random.Random) -> bytes:
@@ -65,7 +66,7 @@ def test_the_session_survives_and_reads_the_next_status(profile: RobotProfile, s
     draws = random.Random(seed)
     source = draws.choice(sorted(FOLDER.glob("*.s2c.bin"))).read_bytes()
     session = Session(profile.p2os, 0.0, profile.limits)
-    for answer in (SYNC0, SYNC1, command(Cmd.CLOSE)):
+    for answer in (SYNC0, SYNC1, NAMES):
         session.receive(answer, 0.0)
     assert session.is_open
     stream, now = mangled(source[200:2000], draws), 0.0
@@ -80,7 +81,7 @@ def test_the_session_survives_and_reads_the_next_status(profile: RobotProfile, s
         now += pause
         session.receive(b"", now)
     decoder_at = session.decoder.pending
-    for answer in (SYNC0, SYNC1, SYNC2):
+    for answer in (SYNC0, SYNC1, NAMES):
         session.receive(answer, now)
     good = encode_status(
         Status(x_m=0, y_m=0, theta_rad=0, left_m_s=0, right_m_s=0, battery_v=12), profile.p2os

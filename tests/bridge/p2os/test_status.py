@@ -8,6 +8,7 @@ import struct
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.configuration import (
     Configuration,
@@ -31,7 +32,7 @@ statuses = st.builds(
     theta_rad=st.floats(-10, 10),
     left_m_s=st.floats(-3, 3),
     right_m_s=st.floats(-3, 3),
-    battery_v=st.floats(0, 25),
+    battery_v=st.floats(0, 60),
     moving=st.booleans(),
     left_stall=st.booleans(),
     right_stall=st.booleans(),
@@ -43,6 +44,7 @@ statuses = st.builds(
     rear_bumpers=st.integers(0, 31),
     control_rad=st.floats(-10, 10),
     compass_rad=st.floats(0, 6.2),
+    turning_rad_s=st.floats(-6, 6),
     echoes=st.lists(st.tuples(st.integers(0, 31), st.floats(0, 5)), max_size=32).map(tuple),
     digital_in=st.integers(0, 255),
     digital_out=st.integers(0, 255),
@@ -53,7 +55,7 @@ statuses = st.builds(
 def test_a_status_crosses_the_wire_within_its_resolution(sent: Status) -> None:
     payload = encode_status(sent, UNITS)
     got = decode_status(payload, UNITS)
-    assert len(payload) == 25 + 3 * len(sent.echoes)
+    assert len(payload) == 30 + 3 * len(sent.echoes)
     assert abs(math.remainder(got.x_m - sent.x_m, SPAN_M)) <= 0.43e-3
     assert abs(math.remainder(got.y_m - sent.y_m, SPAN_M)) <= 0.43e-3
     assert abs(math.remainder(got.theta_rad - sent.theta_rad, math.tau)) <= 0.0008
@@ -61,6 +63,7 @@ def test_a_status_crosses_the_wire_within_its_resolution(sent: Status) -> None:
     assert got.left_m_s == pytest.approx(sent.left_m_s, abs=0.51e-3)
     assert got.right_m_s == pytest.approx(sent.right_m_s, abs=0.51e-3)
     assert got.battery_v == pytest.approx(sent.battery_v, abs=0.051)
+    assert got.turning_rad_s == pytest.approx(sent.turning_rad_s, abs=0.00088)
     assert [index for index, _ in got.echoes] == [index for index, _ in sent.echoes]
     for (_, got_m), (_, sent_m) in zip(got.echoes, sent.echoes, strict=True):
         assert got_m == pytest.approx(sent_m, abs=0.14e-3)
@@ -76,7 +79,29 @@ def test_what_was_decoded_encodes_to_the_same_bytes(status: Status) -> None:
     assert encode_status(decode_status(payload, UNITS), UNITS) == payload
 
 
-@given(statuses, st.binary(max_size=24), st.integers(0, 5))
+@given(statuses)
+def test_p2os_own_short_form_says_the_same_but_for_what_only_later_controllers_do(
+    sent: Status,
+) -> None:
+    payload = encode_status(sent, UNITS, short=True)
+    assert len(payload) == 25 + 3 * len(sent.echoes)
+    long, short = decode_status(encode_status(sent, UNITS), UNITS), decode_status(payload, UNITS)
+    battery_v = min(long.battery_v, 25.5)
+    assert short == replace(long, turning_rad_s=0.0, battery_v=battery_v)
+
+
+@pytest.mark.parametrize(
+    ("charge", "charging"), [(-1, False), (0, False), (1, True), (2, True), (3, True), (4, True)]
+)
+def test_the_charge_state_of_a_later_controller_counts(charge: int, charging: bool) -> None:
+    head = struct.pack("<BHHhhhBBBhHBB", 0x32, 0, 0, 0, 0, 0, 255, 0, 0, 0, 0, 0, 0)
+    tail = struct.pack("<BBBBBHb", 0, 0, 0, 0, 0, 264, charge)
+    status = decode_status(head + tail, UNITS)
+    assert status.charging is charging
+    assert status.battery_v == pytest.approx(26.4), "a byte of tenths of a volt ends at 25.5"
+
+
+@given(statuses, st.binary(max_size=24), st.integers(0, 10))
 def test_later_controllers_tails_and_shorter_ones_change_nothing_before(
     status: Status, tail: bytes, cut: int
 ) -> None:
@@ -89,7 +114,7 @@ def test_later_controllers_tails_and_shorter_ones_change_nothing_before(
 
 @given(statuses, st.integers(1, 200))
 def test_a_status_cut_before_its_last_echo_is_refused(status: Status, cut: int) -> None:
-    payload = encode_status(status, UNITS)
+    payload = encode_status(status, UNITS, short=True)
     assume(cut > 5)
     with pytest.raises(ValueError, match=r"not a status packet|do not fit"):
         decode_status(payload[: max(len(payload) - cut, 0)], UNITS)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from math import cos, sin
+from typing import Any
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Wants, frame, read
 from armadico.bridge.ros2.session import UNWATCHED, Session
-from armadico.bridge.session import Noted, Reported
+from armadico.bridge.session import Differs, Noted, Reported
 from armadico.config.profile import Ros2Robot, load_profile
 
 
@@ -38,11 +39,12 @@ def odometry(
     v: float = 0.0,
     w: float = 0.0,
     quaternion: types.Quaternion | None = None,
+    frames: tuple[str, str] = ("odom", "base_link"),
 ) -> bytes:
     turned = quaternion or types.Quaternion(z=sin(theta / 2), w=cos(theta / 2))
     message = types.Odometry(
-        header=types.Header(stamp=time(stamp), frame_id="odom"),
-        child_frame_id="base_link",
+        header=types.Header(stamp=time(stamp), frame_id=frames[0]),
+        child_frame_id=frames[1],
         pose=types.PoseWithCovariance(
             pose=types.Pose(position=types.Point(x=x, y=y), orientation=turned)
         ),
@@ -54,12 +56,18 @@ def odometry(
 
 
 def scan(
-    stamp: float, ranges: list[float], first: float = -1.0, step: float = 0.1, most: float = 8.0
+    stamp: float,
+    ranges: list[float],
+    first: float = -1.0,
+    step: float = 0.1,
+    most: float = 8.0,
+    last: float | None = None,
+    frame_id: str = "laser",
 ) -> bytes:
     message = types.LaserScan(
-        header=types.Header(stamp=time(stamp), frame_id="laser"),
+        header=types.Header(stamp=time(stamp), frame_id=frame_id),
         angle_min=first,
-        angle_max=first + step * (len(ranges) - 1),
+        angle_max=first + step * (len(ranges) - 1) if last is None else last,
         angle_increment=step,
         range_min=0.16,
         range_max=most,
@@ -130,11 +138,11 @@ class Line:
         self.flush()
         return found
 
-    def odometry(self, at: float | None = None, **fields: float) -> list[object]:
+    def odometry(self, at: float | None = None, **fields: Any) -> list[object]:
         stamp = CLOCK_S + (self.now if at is None else at)
         return self.say(self.ros2.odom.name, odometry(stamp, **fields))
 
-    def scan(self, ranges: list[float], at: float | None = None, **fields: float) -> list[object]:
+    def scan(self, ranges: list[float], at: float | None = None, **fields: Any) -> list[object]:
         stamp = CLOCK_S + (self.now if at is None else at)
         assert self.ros2.scan is not None
         return self.say(self.ros2.scan.name, scan(stamp, ranges, **fields))
@@ -147,7 +155,7 @@ class Line:
         self.events += self.session.tick(self.now)
         self.flush()
 
-    def go(self, seconds: float, *, odometry: bool = True, **fields: float) -> None:
+    def go(self, seconds: float, *, odometry: bool = True, **fields: Any) -> None:
         """Let time pass in steps of 10 ms; odometry comes at its rate."""
         every = round(100 / self.ros2.odom_hz)
         for _ in range(round(seconds * 100)):
@@ -162,6 +170,10 @@ class Line:
         self.go(0.3)
         assert self.session.is_open
         return self
+
+    @property
+    def differs(self) -> list[str]:
+        return [event.text for event in self.of(Differs)]
 
     def of(self, kind: type) -> list:
         return [event for event in self.events if isinstance(event, kind)]

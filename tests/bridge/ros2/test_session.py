@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
-from math import inf, nan, pi
+from math import inf, nan, pi, radians, tau
 
 import pytest
 from hypothesis import given, settings
@@ -413,6 +413,89 @@ def test_a_laser_with_another_clock_is_named() -> None:
     assert "do the clocks agree" in noted.text
 
 
+def test_a_laser_whose_clock_is_ahead_is_not_called_older() -> None:
+    line = Line().open()
+    for _ in range(10):
+        line.scan([1.0, 2.0], at=line.now + 5.0)
+        line.go(0.1)
+    assert line.report.scan is None
+    (noted,) = line.notes
+    assert "ahead" in noted.text
+    assert "older" not in noted.text
+
+
+def test_a_scan_without_a_stamp_is_named_as_that() -> None:
+    line = Line().open()
+    for _ in range(10):
+        line.scan([1.0, 2.0], at=-CLOCK_S)
+        line.go(0.1)
+    assert line.report.scan is None
+    (noted,) = line.notes
+    assert "no time stamp" in noted.text
+
+
+CONTRADICTIONS = [
+    # rays, angle_min, angle_increment, angle_max; whether it is refused
+    (360, 0.0, tau / 360, tau, False),  # one ray too far, as of many a driver
+    (360, 0.0, tau / 360, tau * 359 / 360, False),
+    (720, -2.356, 4.712 / 719, 2.356, False),
+    (360, 0.0, -tau / 360, -tau * 359 / 360, False),
+    (360, -pi / 2, tau / 360, pi / 2, True),  # 180 degrees by one, 360 by the other
+    (180, -pi / 2, tau / 360, pi, True),
+    (360, 0.0, tau / 720, tau, True),
+    (360, 0.0, tau / 360, 0.0, True),
+    (360, 0.0, -tau / 360, tau, True),  # clockwise by one, counter-clockwise by the other
+    (360, 0.0, tau / 360, nan, True),
+]
+
+
+@pytest.mark.parametrize(("rays", "first", "step", "last", "refused"), CONTRADICTIONS)
+def test_angles_that_contradict_each_other_are_refused(
+    rays: int, first: float, step: float, last: float, refused: bool
+) -> None:
+    line = Line().open()
+    line.scan([1.0] * rays, first=first, step=step, last=last)
+    line.go(0.1)
+    assert (line.report.scan is None) is refused
+    assert any("contradict" in noted.text for noted in line.notes) is refused
+
+
+AROUND = {"first": 0.0, "step": tau / 360, "frame_id": "base_scan"}
+OTHERWISE = [
+    # frames of odometry, scan; what is named
+    (("odom", "base_footprint"), AROUND, 360, ()),
+    (("robot1/odom", "robot1/base_footprint"), AROUND | {"frame_id": "robot1/base_scan"}, 360, ()),
+    (("odom", "base_footprint"), AROUND | {"first": -pi}, 360, ()),
+    (("odom", "base_footprint"), AROUND | {"step": tau / 350}, 350, ()),
+    (("map", "base_footprint"), AROUND, 360, ("map",)),
+    (("odom", "base_link"), AROUND, 360, ("base_link",)),
+    (("odom", "base_footprint"), AROUND | {"frame_id": "laser"}, 360, ("laser",)),
+    (("odom", "base_footprint"), AROUND | {"step": tau / 720}, 720, ("720 rays",)),
+    (("odom", "base_footprint"), {**AROUND, "first": -1.0, "step": 0.01}, 200, ("200", "57")),
+]
+
+
+@pytest.mark.parametrize(("frames", "laser", "rays", "named"), OTHERWISE)
+def test_what_the_robot_publishes_otherwise_than_its_profile_has_it_is_reported_once(
+    frames: tuple[str, str], laser: dict[str, object], rays: int, named: tuple[str, ...]
+) -> None:
+    line = Line(BURGER)
+    for _ in range(5):
+        line.go(0.2, frames=frames)
+        line.scan([1.0] * rays, **laser)
+    assert len(line.differs) == len(named)
+    assert all(what in text for what, text in zip(named, line.differs, strict=True))
+    assert line.report.scan is not None, "it is driven all the same"
+
+
+def test_a_jackal_whose_laser_looks_less_wide_is_reported() -> None:
+    line = Line(JACKAL).open()
+    line.scan([1.0] * 720, first=radians(-90), step=radians(180) / 719, frame_id="lidar2d_0_laser")
+    line.go(0.1)
+    (text,) = line.differs
+    assert "-90 to 90 degrees" in text
+
+
 def test_what_is_nearer_than_can_be_measured_is_as_near_as_can_be() -> None:
     """REP-117: -inf. NaN and 0 are for `core.scans` to leave out."""
     line = Line().open()
@@ -529,6 +612,19 @@ def test_who_hung_is_told_to_stand_and_not_to_go_on_as_it_did() -> None:
     line.now += 3.0
     line.tick()
     assert [told[1:] for told in line.told[begun:]] == [(0.0, 0.0)]
+
+
+def test_an_emergency_stop_is_zero_at_once_and_stays_so() -> None:
+    line = Line(JACKAL).open()
+    line.drive(1.0)
+    for _ in range(50):
+        line.go(0.02, v=1.0)
+    assert line.speeds()[-1] == (1.0, 0.0)
+    told = len(line.told)
+    line.session.emergency_stop()
+    line.flush()
+    line.go(0.5, v=0.5)
+    assert {(v, w) for _, v, w in line.told[told:]} == {(0.0, 0.0)}
 
 
 def test_the_end_is_zero_at_once() -> None:
