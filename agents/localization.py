@@ -356,14 +356,14 @@ class Localization(Agent):
         # What is on no map, and walls that reflect nothing, let other places fit a little better
         # all along the way: that adds up to any odds.
         better = other is not None and other.fit >= p.fits_better * other.stay_fit
-        if other is None or not better or other.odds < p.doubts:
-            self._doubted, self._verdicts = False, 0
-            if other is None or other.throughout < -p.stays:
-                self._trust()
-            return
-        self._doubted = True
-        if other.odds < confirm.odds or other.fit < confirm.fit:
+        if other is None or other.throughout < p.doubts:
             self._verdicts = 0
+        self._doubted = other is not None and better and other.odds >= p.doubts
+        if other is None or (not self._doubted and other.throughout < -p.stays):
+            self._trust()
+        if other is None or not self._doubted:
+            return
+        if other.odds < confirm.odds or other.fit < confirm.fit:
             return
         again = not confirm.same_place or not apart(other.pose, self._elsewhere)
         counts = min(int(other.odds / confirm.odds), confirm.most)
