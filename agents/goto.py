@@ -118,7 +118,7 @@ class Goto(Behaviour):
         ahead = self._ahead(pose, obstacles)
         self._controller.exact = bool(pose.covariance)
         v, w = self._controller.steer(pose, ahead, before, period)
-        return (v * self._calm(pose, ahead[0]) if self.p.rules == "safe" else v), w
+        return (min(v, self._calm(pose, ahead[0])) if self.p.rules == "safe" else v), w
 
     def _by_sight(self, pose: Pose, obstacles: Obstacles) -> float:
         """From which speed it stops within what it sees of its way, m/s, if nobody drives on."""
@@ -133,12 +133,13 @@ class Goto(Behaviour):
         return braking(max(free, CREEP_M), body.v_decel, body.dead_s + body.silence_s)
 
     def _calm(self, pose: Pose, target: Waypoint) -> float:
-        """The share of the speed that is left while the robot turns towards where it steers.
+        """The speed limit while the robot turns towards where it steers, m/s.
 
         At full speed it would swing wide of the line, and beside a door that is the post.
         """
         off = abs(wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta))
-        return min(max(1.0 - (off - self.p.calm_from) / self.p.calm_over, self.p.calm_least), 1.0)
+        share = 1.0 - (off - self.p.calm_from) / self.p.calm_over
+        return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
 
     def _before(self) -> tuple[float, float]:
         """What the ramps start from."""
