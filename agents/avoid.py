@@ -82,7 +82,7 @@ class Avoid(Behaviour):
     name = "avoid"
     reacts_to = Obstacles
     parameters = Parameters
-    launched_with = ("v_max",)
+    launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "v_top": "m/s",

@@ -63,7 +63,7 @@ class Gothrough(Behaviour):
     name = "gothrough"
     reacts_to = Obstacles
     parameters = Parameters
-    launched_with = ("v_max",)
+    launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "v": "m/s",

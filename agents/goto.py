@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.brisk import Driver, braking, slowed
+from armadico.agents.methods.brisk import Driver, slowed
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
 from armadico.agents.methods.settings import Brisk
 from armadico.agents.methods.sight import in_sight
@@ -68,7 +68,7 @@ class Goto(Behaviour):
     name = "goto"
     reacts_to = Pose
     parameters = Parameters
-    launched_with = ("controller", "v_max")
+    launched_with = ("controller", "v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "ahead_m": "m",
@@ -130,7 +130,7 @@ class Goto(Behaviour):
         places = [(0.0, 0.0), *(relative(here, (to.x, to.y, 0.0))[:2] for to in left)]
         seen = in_sight(obstacles.points, places, reach)
         free = seen - body.outline.front - self.p.safety.margin_m
-        return braking(max(free, CREEP_M), body.v_decel, body.dead_s + body.silence_s)
+        return body.stops_within(max(free, CREEP_M))
 
     def _calm(self, pose: Pose, target: Waypoint) -> float:
         """The speed limit while the robot turns towards where it steers, m/s.

