@@ -21,7 +21,7 @@ from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, gr
 from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.errors import ConfigError
-from armadico.config.places import goal_room, goal_room_reason
+from armadico.config.places import goal_needs, goal_room
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
 from armadico.core.geometry import wrap
@@ -86,7 +86,7 @@ def plan(
     """
     known = grid_of(world.barriers, world.bounds, CELL_M)
     _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
-    _check(world, known, "goal", goal, goal_room(body), f"; a goal needs {_needs(body)}")
+    _check(world, known, "goal", goal, goal_room(body), f"; it needs {goal_needs(body)}")
     grid = known.beside(seen)
     clearance = grid.clearance_at(goal)
     if clearance < body.width_m / 2:
@@ -318,26 +318,19 @@ def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
     return Placed(a.x + share * dx, a.y + share * dy) if 0.0 < share < 1.0 else None
 
 
-def _needs(body: Body) -> str:
-    return f"{goal_room(body):.2f} m: {goal_room_reason(body)}"
-
-
 def _check(
     world: World, grid: Grid, what: str, place: Positioned, room: float, needs: str = ""
 ) -> None:
+    what = f"the {what} {_at(place)}"
     if not grid.inside(place):
         x1, y1, x2, y2 = grid.bounds
         extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
-        raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
+        raise PlanError(f"{what} is off the world, which is {extent}")
     clearance = grid.clearance_at(place)
     if clearance < room:  # whatever its heading
         if world.clearance_of_forbidden(place.x, place.y) <= clearance + 1e-9:
-            raise PlanError(
-                f"the {what} {_at(place)} is {clearance:.2f} m from what is forbidden{needs}"
-            )
-        raise PlanError(
-            f"the {what} {_at(place)} is inside a wall, or {clearance:.2f} m from one{needs}"
-        )
+            raise PlanError(f"{what} is {clearance:.2f} m from what is forbidden{needs}")
+        raise PlanError(f"{what} is inside a wall, or {clearance:.2f} m from one{needs}")
 
 
 def _at(place: Positioned) -> str:

@@ -39,9 +39,10 @@ def goal_room(body: Body) -> float:
     return body.circle_m + POSE_M
 
 
-def goal_room_reason(body: Body) -> str:
-    """What the room at a goal is made of."""
-    return f"{body.circle_m:.2f} m to turn, {POSE_M:.2f} m for the error of the pose"
+def goal_needs(body: Body) -> str:
+    """That room, and what it is made of, in words."""
+    parts = f"{body.circle_m:.2f} m to turn, {POSE_M:.2f} m for the error of the pose"
+    return f"{goal_room(body):.2f} m: {parts}"
 
 
 class Places:
@@ -137,7 +138,7 @@ class Places:
                 return round(float(grid_x[nearest]), 3), round(float(grid_y[nearest]), 3), None
         raise ConfigError(
             f"in room {room.name!r} of {self.world.name!r} the robot can turn nowhere: it takes"
-            f" {goal_room(self._body):.2f} m to every wall: {goal_room_reason(self._body)}"
+            f" to every wall {goal_needs(self._body)}"
         )
 
     @cached_property

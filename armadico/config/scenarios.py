@@ -23,7 +23,7 @@ from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
-from armadico.config.places import goal_room, goal_room_reason
+from armadico.config.places import goal_needs, goal_room
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
@@ -422,10 +422,9 @@ def _misplaced(world: World, key: Key, pose: PoseDeg, body: Body) -> Iterator[tu
         what = f"{_ONE_OF[str(key[0])]} {key[-1] + 1}"
     at = f"{what} ({x:g}, {y:g})"
     clearance = world.clearance(x, y)
-    radius = goal_room(body) if key[0] in _STOPS else body.circle_m
-    expected = f"expected at least {radius:.2f} m"
-    if key[0] in _STOPS:
-        expected += f": {goal_room_reason(body)}"
+    stops = key[0] in _STOPS
+    radius = goal_room(body) if stops else body.circle_m
+    expected = f"expected at least {goal_needs(body) if stops else f'{radius:.2f} m'}"
     if not world.inside(x, y):
         x1, y1, x2, y2 = world.bounds
         span = f"x {x1:g} to {x2:g}, y {y1:g} to {y2:g}"

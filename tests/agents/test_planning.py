@@ -296,7 +296,7 @@ def test_the_same_question_has_the_same_plan() -> None:
         (Placed(-1.0, 1.0), GOAL, r"the start \(-1, 1\) is off the world, which is \(0, 0\)"),
         (START, Placed(3.0, 9.0), r"the goal \(3, 9\) is off the world"),
         (START, Placed(4.6, 1.0), r"the goal \(4\.6, 1\) is inside a wall, or 0\.00 m from one"),
-        (START, Placed(0.3, 1.0), r"0\.30 m from one; a goal needs 0\.34 m: 0\.30 m to turn"),
+        (START, Placed(0.3, 1.0), r"0\.30 m from one; it needs 0\.34 m: 0\.30 m to turn"),
         (Placed(0.1, 1.0), GOAL, r"the start .* inside a wall, or 0\.10 m from one"),
     ],
 )
