@@ -51,9 +51,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     ahead_m: Metres = 0.6  # look-ahead on the line between waypoints
     park_m: Metres = 1.0  # within this of the goal straight to it, where `precise` joins in
     cut_least_m: Metres = 0.06  # by so much it may cut a corner where something is near
-    calm_from: Angle = radians(8)  # slows down from this angle to where it steers
-    calm_over: Angle = radians(50)  # angle on top of `calm_from` at which no speed is left
-    calm_least: Share = 0.35  # least share of the speed: it must get along while it turns
+    calm_from: Angle = radians(5)  # slows down from this angle to where it steers
+    calm_over: Angle = radians(30)  # angle on top of `calm_from` at which no speed is left
+    calm_least: Share = 0.2  # least share of the speed: it must get along while it turns
     brisk: Brisk = Brisk()
     safety: Safety = Safety()
     p_max: Share = 1.0  # equation 3.6
