@@ -16,13 +16,7 @@ from armadico.core.geometry import wrap
 from armadico.core.messages import Obstacles, Point, Pose, RobotState
 from armadico.core.parameters import TURN_MARGIN_M, Safety
 from armadico.core.resources import WHEELS
-from armadico.core.safety import (
-    ON_THE_SPOT_M_S,
-    Scene,
-    corner_cut,
-    critical,
-    limit,
-)
+from armadico.core.safety import ON_THE_SPOT_M_S, Scene, corner_cut, critical
 from armadico.core.swept_path import free_path, free_turn
 
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
@@ -88,7 +82,7 @@ class Avoid(Behaviour):
     name = "avoid"
     reacts_to = Obstacles
     parameters = Parameters
-    launched_with = ("v_max",)
+    launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "v_top": "m/s",
@@ -188,7 +182,7 @@ class Avoid(Behaviour):
         if zone == "stop" or abs(heading) > p.turn_first:
             speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
-        speed, w, _ = limit(self.as_sure(speed), w, scene, p.safety)
+        speed, w, _ = self.limited_in(scene, speed, w, p.safety)
         degrees = heading * 180 / pi
         turns = speed < 0.02
         self._turned_out |= turns and self.now < self._escape_until
@@ -248,7 +242,7 @@ class Avoid(Behaviour):
         looked_away, self._looked_at = self._looked_away, self.now
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = looked_away or near or not driven
-        self._watch_rest(excused or abs(state.v) > 0.02 or abs(state.w) > 0.05)
+        self._watch_rest(excused or abs(state.v) > 0.02 * self.sureness or abs(state.w) > 0.05)
         self._watch_place(pose, excused)
         self._watch_stall(state.stalled)
         return self.now < max(self._escape_until, self._back_until)
@@ -274,7 +268,7 @@ class Avoid(Behaviour):
             self._turned_out = False
         elif excused:
             self._around_since = self.now
-        elif self.now - self._around_since > self.p.nowhere_s:
+        elif self.now - self._around_since > self.p.nowhere_s / self.sureness:
             self._around_since = self.now
             self._back_off()
 
@@ -300,7 +294,7 @@ class Avoid(Behaviour):
         behind = free_path(mirrored, 1.0, 0.0, self.body.outline.turned_round, BACK_MARGIN_M)
         if behind <= self.p.back_room_m:
             return None
-        v, w, _ = limit(-self.p.v_back, 0.0, scene, self.p.safety)
+        v, w, _ = self.limited_in(scene, -self.p.v_back, 0.0, self.p.safety)
         return (v, w) if v < 0.0 else None
 
     def _unlatch(self, pose: Pose) -> None:
@@ -315,7 +309,7 @@ class Avoid(Behaviour):
         for direction in (sign, -sign):
             room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
             if room > self.p.safety.turn_room:
-                v, w, _ = limit(0.0, direction * self.p.w_stop, scene, self.p.safety)
+                v, w, _ = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
                 if w != 0.0:
                     return v, w
         return self._back(scene) or (0.0, 0.0)
@@ -323,7 +317,7 @@ class Avoid(Behaviour):
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
         """What to command in the cycle or two until another agent takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
-        return limit(self.as_sure(v), w, scene, self.p.safety)[:2]
+        return self.limited_in(scene, v, w, self.p.safety)[:2]
 
     def _way(self, pose: Pose, obstacles: Obstacles) -> Way:
         """Where the trajectory leads; it bends or ends if the point ahead is nearer than asked."""

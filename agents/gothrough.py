@@ -20,7 +20,7 @@ from armadico.core.messages import Obstacles, Point, Pose, Waypoint
 from armadico.core.motion import Speeds
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.core.safety import corner_cut, limit, unhurried
+from armadico.core.safety import corner_cut, unhurried
 
 Positive = Annotated[float, Meta(gt=0, le=10)]
 
@@ -63,7 +63,7 @@ class Gothrough(Behaviour):
     name = "gothrough"
     reacts_to = Obstacles
     parameters = Parameters
-    launched_with = ("v_max",)
+    launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "v": "m/s",
@@ -154,7 +154,7 @@ class Gothrough(Behaviour):
         else:
             v, w = self._proportional(alpha, pose)
         if p.rules == "safe":
-            v, w, free = limit(self.as_sure(v), w, self.scene(obstacles), p.safety)
+            v, w, free = self.limited_in(self.scene(obstacles), v, w, p.safety)
             if free < p.clear_m:
                 return self._none(f"only {free:.2f} m of free way")
         self._commanded = (v, w)

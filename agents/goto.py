@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.brisk import Driver, braking, slowed
+from armadico.agents.methods.brisk import Driver, slowed
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
 from armadico.agents.methods.settings import Brisk
 from armadico.agents.methods.sight import in_sight
@@ -51,9 +51,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     ahead_m: Metres = 0.6  # look-ahead on the line between waypoints
     park_m: Metres = 1.0  # within this of the goal straight to it, where `precise` joins in
     cut_least_m: Metres = 0.06  # by so much it may cut a corner where something is near
-    calm_from: Angle = radians(8)  # slows down from this angle to where it steers
-    calm_over: Angle = radians(50)  # angle on top of `calm_from` at which no speed is left
-    calm_least: Share = 0.35  # least share of the speed: it must get along while it turns
+    calm_from: Angle = radians(5)  # slows down from this angle to where it steers
+    calm_over: Angle = radians(30)  # angle on top of `calm_from` at which no speed is left
+    calm_least: Share = 0.2  # least share of the speed: it must get along while it turns
     brisk: Brisk = Brisk()
     safety: Safety = Safety()
     p_max: Share = 1.0  # equation 3.6
@@ -68,7 +68,7 @@ class Goto(Behaviour):
     name = "goto"
     reacts_to = Pose
     parameters = Parameters
-    launched_with = ("controller", "v_max")
+    launched_with = ("controller", "v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "ahead_m": "m",
@@ -118,7 +118,7 @@ class Goto(Behaviour):
         ahead = self._ahead(pose, obstacles)
         self._controller.exact = bool(pose.covariance)
         v, w = self._controller.steer(pose, ahead, before, period)
-        return (v * self._calm(pose, ahead[0]) if self.p.rules == "safe" else v), w
+        return (min(v, self._calm(pose, ahead[0])) if self.p.rules == "safe" else v), w
 
     def _by_sight(self, pose: Pose, obstacles: Obstacles) -> float:
         """From which speed it stops within what it sees of its way, m/s, if nobody drives on."""
@@ -130,15 +130,16 @@ class Goto(Behaviour):
         places = [(0.0, 0.0), *(relative(here, (to.x, to.y, 0.0))[:2] for to in left)]
         seen = in_sight(obstacles.points, places, reach)
         free = seen - body.outline.front - self.p.safety.margin_m
-        return braking(max(free, CREEP_M), body.v_decel, body.dead_s + body.silence_s)
+        return body.stops_within(max(free, CREEP_M))
 
     def _calm(self, pose: Pose, target: Waypoint) -> float:
-        """The share of the speed that is left while the robot turns towards where it steers.
+        """The speed limit while the robot turns towards where it steers, m/s.
 
         At full speed it would swing wide of the line, and beside a door that is the post.
         """
         off = abs(wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta))
-        return min(max(1.0 - (off - self.p.calm_from) / self.p.calm_over, self.p.calm_least), 1.0)
+        share = 1.0 - (off - self.p.calm_from) / self.p.calm_over
+        return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
 
     def _before(self) -> tuple[float, float]:
         """What the ramps start from."""

@@ -105,6 +105,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1
     """and for as long as the longest way round takes at this speed."""
 
+    contacts: Annotated[int, Meta(ge=1, le=1000)] = 3
+    """A mission fails, and the robot stands, at this contact"""
+
+    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
+    """within this time,"""
+
+    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5
+    """and this distance of each other by the odometry: trying again only does damage there."""
+
 
 class Interface(Agent):
     """The link to the people and programs outside the community.
@@ -151,6 +160,8 @@ class Interface(Agent):
         self._longest = 0.0  # of the ways that were planned anew, m
         self._across_since: float | None = None
         self._across_m = self.p.across_m
+        self._contacts: list[tuple[float, int, float, float]] = []  # s, epoch, odometry in m
+        self._touches = False
         self._held = False  # the mission is the way of whoever holds the trajectory
         self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number; until when
 
@@ -333,6 +344,28 @@ class Interface(Agent):
         elif pose.cycle.number % 2 == 0:
             self._say_status(self._to_go)
 
+    def on_robot_state(self, state: RobotState) -> None:
+        """Fail a mission that has the robot touch something at one place again and again."""
+        begins, self._touches = state.stalled and not self._touches, state.stalled
+        teleop = self.fresh(TeleopStatus)
+        by_hand = teleop is not None and bool(teleop.hand)
+        if not begins or by_hand or self._state is not MissionState.DRIVING:
+            return
+        p, epoch = self.p, state.cycle.epoch
+        self._contacts = [c for c in self._contacts if self.now - c[0] <= p.contacts_s]
+        self._contacts.append((self.now, epoch, state.x, state.y))
+        here = [
+            c
+            for c in self._contacts
+            if c[1] == epoch and hypot(c[2] - state.x, c[3] - state.y) <= p.contacts_m
+        ]
+        if len(here) >= p.contacts:
+            side = "" if state.touch is None else " ahead" if state.touch.x > 0.0 else " behind"
+            pose = self.latest(Pose)
+            at = "" if pose is None else f" at ({pose.x:.2f}, {pose.y:.2f})"
+            time = f"{self.now - here[0][0]:.0f} s"
+            self._fail(f"the robot touched something{side}{at}: contact {len(here)} in {time}")
+
     def on_wakeup(self) -> None:
         """Publish the trajectory again for late joiners."""
         self.wake_at(self.now + self.p.repeat_s)
@@ -428,8 +461,7 @@ class Interface(Agent):
     def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
         """Drive another way to the same goal."""
         self._longest = max(self._longest, plan.length)
-        if self._given_up():
-            self._fail(why)
+        if self._given_up(why):
             return
         self._waits, self._why_waits = False, ""
         self._nearest, self._nearest_at, self._across_since = inf, self.now, None
@@ -439,16 +471,13 @@ class Interface(Agent):
 
     def _go_on(self, why: str) -> None:
         """Nobody plans: that is no word on the way there is, and behaviours go round things."""
-        if self._given_up():
-            self._fail(why)
-        elif not self._unanswered:
+        if not self._given_up(why) and not self._unanswered:
             self._unanswered = True
             self.log(line(f"{why}, and nobody plans: it goes on by the way there is"), WARNING)
 
     def _no_way(self, why: str, refusal: str) -> None:
         """Wait for a way to become free."""
-        if self._given_up():
-            self._fail(refusal)
+        if self._given_up(refusal):
             return
         if not self._waits:
             self.log(line(f"{why}, and there is no plan from here: {refusal}"), WARNING)
@@ -457,14 +486,18 @@ class Interface(Agent):
             self._waits = True
             self.publish(self._next(self._mission, self._route, self._route.waypoints))
 
-    def _given_up(self) -> bool:
-        patience = self.p.give_up_s + self._longest / self.p.give_up_m_s
-        return self.now - self._best_at > patience
+    def _given_up(self, why: str) -> bool:
+        """Whether the mission has failed because the robot comes no nearer."""
+        since = self.now - self._best_at
+        if since <= self.p.give_up_s + self._longest / self.p.give_up_m_s:
+            return False
+        self._fail(f"no nearer for {since:.0f} s: {why}")
+        return True
 
     def _fail(self, why: str) -> None:
         """End the mission where the robot is."""
         self._state, self._waits, self._why_waits = MissionState.FAILED, False, ""
-        self._note = line(f"no nearer for {self.now - self._best_at:.0f} s: {why}")
+        self._note = line(why)
         self.log(line(f"mission {self._mission} failed, {self._note}"), WARNING)
         self.publish(self._next(self._mission, self._route, ()))
         self._say_status(self._to_go)
@@ -525,7 +558,7 @@ class Interface(Agent):
         self._to_go = route.to_go(pose.x, pose.y)
         self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
         self._waits, self._why_waits, self._note, self._refused = False, "", "", ""
-        self._asking = False
+        self._asking, self._contacts = False, []
         self._best, self._longest, self._ask_at = inf, 0.0, -inf
         self._count_anew()
 

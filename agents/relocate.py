@@ -77,8 +77,9 @@ class Relocate(Behaviour):
     drives to where it is free, and turns again: a place is told from others like it by what comes
     after it. It needs no pose, and keeps off what is near as everybody does.
 
-    Without a map nobody tells it of walls that do not answer. So it drives to where something
-    answered: as far as that it is free. If all around nothing does, it drives on all the same.
+    A sonar does not hear a smooth wall at a slant, and a map does not help a robot that is lost. So
+    it drives to where something answered ahead, no faster than it can stop before that. While
+    nothing answers ahead it creeps; if nothing answers all around, it drives on all the same.
     """
 
     name = "relocate"
@@ -104,6 +105,8 @@ class Relocate(Behaviour):
         self._way = 0.0  # of the leg, m
         self._sought = 0.0  # so far it has turned for a way that is free, rad
         self._answered_at: float | None = None  # when something ahead last did; None: no sonar yet
+        self._answered_m = 0.0  # and how far before the body's front it was then,
+        self._answered_by: Pose2 = STOOD  # by this odometry
         self._stood = 0.0  # s that it drove since it last got on, less those of a look around,
         self._back: bool | None = None  # the way there is room is back
         self._swings = 0  # and how often it turned back meanwhile
@@ -123,10 +126,15 @@ class Relocate(Behaviour):
         self._thought_at = -inf
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Whether anything ahead answers."""
-        ahead = [e.range for e in sonar.echoes if abs(e.bearing) < AHEAD_RAD]
-        if any(distance is not None for distance in ahead):
-            self._answered_at = self.now
+        """Whether anything ahead answers, and how far ahead."""
+        near = [
+            echo.x + echo.range
+            for echo in sonar.echoes
+            if abs(echo.bearing) < AHEAD_RAD and echo.range is not None
+        ]
+        if near and self._body is not None:
+            self._answered_at, self._answered_by = self.now, self._odometry
+            self._answered_m = min(near) - self._body.outline.front
         elif self._answered_at is None:
             self._answered_at = -inf
 
@@ -150,7 +158,7 @@ class Relocate(Behaviour):
                 self.log(f"the robot is lost, and was {self.why}: it stands", WARNING)
             return None
         v, w, reason = self._act(obstacles)
-        v, w = self.limited(v, w, obstacles, self.p.safety)
+        v, w = self.limited(min(v, self._stops_before), w, obstacles, self.p.safety)
         share = min(1.0, (pose.deviation - LOST_M) / (self.p.utility_most_m - LOST_M))
         utility = self.p.utility_least + share * (1.0 - self.p.utility_least)
         return Bid(utility, (v, w), reason=reason)
@@ -186,6 +194,18 @@ class Relocate(Behaviour):
         """Whether nothing ahead answers, and it may do so elsewhere."""
         at = self._answered_at
         return at is not None and self.now - at > self.p.silent_s and self._sought < tau
+
+    @property
+    def _stops_before(self) -> float:
+        """The speed from which it stops before what answered ahead, m/s."""
+        at, p = self._answered_at, self.p
+        if self._silent:
+            return p.v_back
+        if at is None or self.now - at > p.silent_s:  # a laser, or silence all around
+            return inf
+        x, y, _ = relative(self._answered_by, self._odometry)
+        left = self._answered_m - hypot(x, y) - p.safety.margin_m
+        return max(p.v_back, self.body.stops_within(left))
 
     def _act(self, obstacles: Obstacles) -> tuple[float, float, str]:
         p, outline, points = self.p, self.body.outline, obstacles.points

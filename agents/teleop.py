@@ -66,9 +66,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 class Teleop(Behaviour):
     """Contends for the wheels while a hand is on the stick, as every behaviour does.
 
-    It needs neither a mission nor a pose: by hand a robot is driven that is lost, too. It needs
-    obstacles: nobody drives blind. What the stick says is ramped as the robot's controller does it,
-    and slowed down until it can be stopped before what is near.
+    It needs neither a mission nor a pose: by hand a robot is driven that is lost, too. So an
+    uncertain pose does not cap its speed, as it does that of other behaviours. It needs obstacles:
+    nobody drives blind. What the stick says is ramped as the robot's controller does it, and slowed
+    down until it can be stopped before what is near.
     """
 
     name = "teleop"

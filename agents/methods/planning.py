@@ -85,7 +85,7 @@ def plan(
     """
     known = grid_of(world.barriers, world.bounds, CELL_M)
     _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
-    _check(world, known, "goal", goal, body.width_m / 2)
+    _check(world, known, "goal", goal, body.goal_room_m, f"; it needs {body.goal_needs}")
     grid = known.beside(seen)
     clearance = grid.clearance_at(goal)
     if clearance < body.width_m / 2:
@@ -317,16 +317,19 @@ def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
     return Placed(a.x + share * dx, a.y + share * dy) if 0.0 < share < 1.0 else None
 
 
-def _check(world: World, grid: Grid, what: str, place: Positioned, room: float) -> None:
+def _check(
+    world: World, grid: Grid, what: str, place: Positioned, room: float, needs: str = ""
+) -> None:
+    what = f"the {what} {_at(place)}"
     if not grid.inside(place):
         x1, y1, x2, y2 = grid.bounds
         extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
-        raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
+        raise PlanError(f"{what} is off the world, which is {extent}")
     clearance = grid.clearance_at(place)
     if clearance < room:  # whatever its heading
         if world.clearance_of_forbidden(place.x, place.y) <= clearance + 1e-9:
-            raise PlanError(f"the {what} {_at(place)} is {clearance:.2f} m from what is forbidden")
-        raise PlanError(f"the {what} {_at(place)} is inside a wall, or {clearance:.2f} m from one")
+            raise PlanError(f"{what} is {clearance:.2f} m from what is forbidden{needs}")
+        raise PlanError(f"{what} is inside a wall, or {clearance:.2f} m from one{needs}")
 
 
 def _at(place: Positioned) -> str:

@@ -125,14 +125,14 @@ class Places:
         for wall in self.world.barriers:
             np.minimum(clearance, _distances(grid_x, grid_y, wall), out=clearance)
         away = np.round(np.hypot(grid_x - middle_x, grid_y - middle_y), 6)
-        for radius in (self._body.circle_m + ROOMY_M, self._body.circle_m):
+        for radius in (self._body.circle_m + ROOMY_M, self._body.goal_room_m):
             free = clearance >= radius
             if free.any():
                 nearest = int(np.argmin(np.where(free, away, inf)))
                 return round(float(grid_x[nearest]), 3), round(float(grid_y[nearest]), 3), None
         raise ConfigError(
             f"in room {room.name!r} of {self.world.name!r} the robot can turn nowhere: it takes"
-            f" {self._body.circle_m:.2f} m to every wall"
+            f" {self._body.goal_room_m:.2f} m to every wall ({self._body.goal_needs})"
         )
 
     @cached_property

@@ -335,11 +335,10 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
             message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"
             yield ("world",), f"{message}: a wall is in its way"
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
-        if pose is None:
-            continue
-        yield from _misplaced(world, (key,), pose, radius)
+        if pose is not None:
+            yield from _misplaced(world, (key,), pose, body)
     yield from _cut_off(scenario, world, body)
-    yield from _fleet_faults(scenario, world, radius)
+    yield from _fleet_faults(scenario, world, body)
     for index, moving in enumerate(scenario.moving):
         for name, message in moving.faults(world, scenario.start[:2], radius):
             yield ("moving", index, name), message
@@ -357,11 +356,11 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         yield ("plan",), message
 
 
-def _fleet_faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[Key, str]]:
+def _fleet_faults(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key, str]]:
     """What is wrong with waypoints, other robots' starts, and what they are to look at."""
     for name in _ONE_OF:
         for index, pose in enumerate(getattr(scenario, name)):
-            yield from _misplaced(world, (name, index), pose, radius)
+            yield from _misplaced(world, (name, index), pose, body)
     if scenario.others and scenario.moving:
         yield ("moving",), "what moves does in the world of one robot; expected this, or others"
 
@@ -399,7 +398,7 @@ def _may_dock(world: World, dock: WorldPose, body: Body) -> bool:
     ]
     sides = pairwise([*corners, corners[0]])
     free = not any(world.crossed(a, b) for a, b in sides)
-    return free and world.clearance(lane[0], lane[1]) >= body.circle_m
+    return free and world.clearance(lane[0], lane[1]) >= body.goal_room_m
 
 
 def known_sensors(name: str) -> str:
@@ -410,28 +409,35 @@ def known_sensors(name: str) -> str:
     return name
 
 
+_STOPS = ("goal", "tasks")
+"""Where the robot is to stop by its pose; it stands at a start, and drives past a waypoint."""
+
 _ONE_OF = {"waypoints": "waypoint", "others": "robot", "tasks": "task"}
 
 
-def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator[tuple[Key, str]]:
+def _misplaced(world: World, key: Key, pose: PoseDeg, body: Body) -> Iterator[tuple[Key, str]]:
     x, y, _ = pose
     what = str(key[-1])
     if isinstance(key[-1], int):
         what = f"{_ONE_OF[str(key[0])]} {key[-1] + 1}"
     at = f"{what} ({x:g}, {y:g})"
-    clearance = world.clearance(x, y)
+    stops = key[0] in _STOPS
+    radius = body.goal_room_m if stops else body.circle_m
+    why = f" ({body.goal_needs})" if stops else ""
     if not world.inside(x, y):
         x1, y1, x2, y2 = world.bounds
         span = f"x {x1:g} to {x2:g}, y {y1:g} to {y2:g}"
         yield key, f"{at} is outside the world {world.name!r}; expected {span}"
-    elif clearance < radius - ROUNDING_M:
-        near, least = apart(clearance, radius)
-        expected = f"expected at least {least} m"
-        yield key, f"{at} is {near} m from a wall of {world.name!r}; {expected}"
-    elif (away := world.clearance_of_forbidden(x, y)) < radius - ROUNDING_M:
-        near, least = apart(away, radius)
-        expected = f"expected at least {least} m"
-        yield key, f"{at} is {near} m from what is forbidden in {world.name!r}; {expected}"
+        return
+    for near_what, away in (
+        ("a wall of", world.clearance(x, y)),
+        ("what is forbidden in", world.clearance_of_forbidden(x, y)),
+    ):
+        if away < radius - ROUNDING_M:
+            near, least = apart(away, radius)
+            expected = f"expected at least {least} m{why}"
+            yield key, f"{at} is {near} m from {near_what} {world.name!r}; {expected}"
+            return
 
 
 def _cut_off(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key, str]]:

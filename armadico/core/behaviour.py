@@ -23,7 +23,7 @@ from armadico.core.motion import Body, Speeds, ordered
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
 from armadico.core.route import Route
-from armadico.core.safety import Scene, limit
+from armadico.core.safety import Limited, Scene, limit
 
 MARGINS = Safety()
 """Kept by a behaviour that has none of its own."""
@@ -38,7 +38,7 @@ BY_HAND: Final = 0.9
 which many reach, the hand would get the wheels from nobody who has them: it can bid no more."""
 
 SLOWEST = 0.3
-"""The share of its speed that is left just before that."""
+"""Share of the robot's top speed that an unsure robot may drive just before it is lost."""
 
 
 class Behaviour(Agent):
@@ -107,14 +107,24 @@ class Behaviour(Agent):
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
 
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
-        """The wish (m/s, rad/s), as fast as the obstacles and a pose that is unsure admit."""
-        return limit(self.as_sure(v), w, self.scene(obstacles), safety)[:2]
+        """The wish (m/s, rad/s), as fast as the obstacles and the pose's uncertainty admit."""
+        return self.limited_in(self.scene(obstacles), v, w, safety)[:2]
 
-    def as_sure(self, v: float) -> float:
-        """The speed, less for a pose that is unsure, m/s."""
+    def limited_in(self, scene: Scene, v: float, w: float, safety: Safety = MARGINS) -> Limited:
+        """The same for a scene that is known already, with the free way of the wish.
+
+        The uncertainty is a cap, not a factor. A behaviour ramps up from what it commanded last, so
+        a factor would apply again in each cycle until the robot stands.
+        """
+        most = self.body.v_max * self.sureness
+        return limit(min(max(v, -most), most), w, scene, safety)
+
+    @property
+    def sureness(self) -> float:
+        """Share of its top speed that the robot may drive with a pose as uncertain as this one."""
         pose = self.latest(Pose)
         off = 0.0 if pose is None or self.seeks else pose.deviation
-        return v * min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
+        return min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """What it would do now, and how much that helps; None, and `why`, if nothing."""

@@ -24,7 +24,7 @@ Frame: the body's at the cycle of the points; x forward, y left, m and rad. Time
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, hypot, inf, pi, sin
+from math import cos, hypot, inf, pi, sin, sqrt
 from typing import NamedTuple
 
 from armadico.core.messages import Description, Point
@@ -102,6 +102,11 @@ class Body(NamedTuple):
         """
         v = abs(v)
         return v * (self.dead_s + self.silence_s + waited) + v * v / (2.0 * self.v_decel)
+
+    def stops_within(self, free: float, waited: float = 0.0) -> float:
+        """The speed from which that takes so many metres, m/s."""
+        late = self.dead_s + self.silence_s + waited
+        return self.v_decel * (sqrt(late * late + 2.0 * max(free, 0.0) / self.v_decel) - late)
 
     def stopping_turn(self, w: float, waited: float = 0.0) -> float:
         """Radians to rest from w rad/s, likewise."""

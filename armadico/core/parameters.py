@@ -29,6 +29,7 @@ class Safety(Struct, frozen=True, forbid_unknown_fields=True):
     slow: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s: at no more than this
     close_m: Annotated[float, Meta(ge=0, le=1)] = TURN_MARGIN_M  # so small a margin will do
     turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, or it tries the other side
+    unmapped: bool = False  # by sonars without a map: stops within the way to the nearest point
 
 
 class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

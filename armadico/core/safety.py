@@ -8,9 +8,10 @@ that are remembered.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, inf, sqrt
+from math import hypot, inf
 from typing import NamedTuple
 
+from armadico.core.geometry import turning_circle
 from armadico.core.messages import Obstacles, Point
 from armadico.core.motion import Body, Speeds, touches_at
 from armadico.core.parameters import Safety
@@ -28,6 +29,10 @@ ON_THE_SPOT_M_S = 0.05
 
 EARLIER_S = 0.05
 """So much before it must, whoever is in no hurry brakes."""
+
+UNHEARD_M = 0.15
+"""Without a map it drives as if it had at least this much way, or it would get along no wall: the
+sonar agent expects a wall to go on so far beyond where it was heard."""
 
 CORNER_ROOM_M = 0.17
 """Nearer to something than this, its farthest corner to obstacle, a corner of the trajectory is not
@@ -75,6 +80,8 @@ def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
     body = scene.body
     v, w = _clip(v, body.v_max), _clip(w, body.w_max)
     free = inf
+    if v > 0.0 and safety.unmapped:
+        v = min(v, _unmapped(scene))
     if v > 0.0:
         free = free_path(scene.points, v, w, body.outline, safety.margin_m)
     if _admissible(scene, (v, w), safety):
@@ -101,9 +108,7 @@ def unhurried(v: float, w: float, scene: Scene, safety: Safety) -> float:
     )
     if free == inf:
         return v
-    decel = scene.body.v_decel
-    late = scene.body.dead_s + scene.body.silence_s + scene.age + EARLIER_S
-    return min(v, decel * (sqrt(late * late + 2.0 * free / decel) - late))
+    return min(v, scene.body.stops_within(free, scene.age + EARLIER_S))
 
 
 def critical(scene: Scene, safety: Safety) -> bool:
@@ -119,6 +124,17 @@ def corner_cut(obstacles: Obstacles, body: Body, least: float) -> float:
         return inf
     corner = hypot(max(outline.front, outline.rear), outline.half_width)
     return max(least, hypot(near.x, near.y) - corner - CORNER_ROOM_M)
+
+
+def _unmapped(scene: Scene) -> float:
+    """The speed from which it stops within the way to the nearest point, whichever way that is.
+
+    A sonar does not hear a smooth wall at a slant. So without a map each point may be of a wall
+    that goes on in any direction, also across the robot's way.
+    """
+    nearest = min((hypot(p.x, p.y) for p in scene.points), default=inf)
+    free = max(nearest - turning_circle(*scene.body.outline), UNHEARD_M)
+    return scene.body.stops_within(free) if free < inf else inf
 
 
 def _admissible(scene: Scene, wanted: Speeds, safety: Safety) -> bool:

@@ -231,12 +231,18 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "theta": radians(degrees),
         "world": None if unmapped(scenario) else scenario.world,  # they are to find out
         "v_max": scenario.v_max,
+        "safety.unmapped": "true" if _by_ear(scenario) else None,
         "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,
         "controller": options.controller,
         "social.exchange": options.exchange,
         "social.margin": options.margin,
     }
+
+
+def _by_ear(scenario: Scenario) -> bool:
+    """Whether a robot drives by sonars through a world that it has no map of."""
+    return scenario.plan == "seen" and load_profile(scenario.robot).laser is None
 
 
 def _launched(

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from armadico.agents.avoid import Avoid, Parameters
 from armadico.core.agent import Identity
+from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import turning_circle
 from armadico.core.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
 from armadico.core.motion import touches_at
@@ -232,6 +233,19 @@ def test_a_robot_that_is_turned_to_and_fro_and_gets_nowhere_is_backed_off() -> N
     first = backed.index(True)
     assert first >= round(10 * Parameters().nowhere_s) - 10
     assert 25 <= sum(backed[first : first + 40]) <= 31
+
+
+@pytest.mark.parametrize(("off_m", "backed"), [(0.0, True), (0.99 * LOST_M, False)])
+def test_a_robot_that_is_slow_for_its_uncertain_pose_has_longer_to_leave_a_place(
+    off_m: float, backed: bool
+) -> None:
+    made = stage()
+    made.off_m = off_m
+    made.holding(points=wall(0.4, -0.4, 0.4))
+    made.speed = (0.0, 0.5)
+    for _ in range(round(15 * Parameters().nowhere_s)):
+        made.cycle(points=wall(0.4, -0.4, 0.4))
+    assert any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.bids) == backed
 
 
 def test_a_robot_that_is_stalled_by_what_nobody_hears_is_backed_off_at_once() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.goto import Goto, Parameters
+from armadico.agents.methods.controllers import SETTINGS
 from armadico.agents.methods.settings import Brisk
 from armadico.agents.methods.sight import in_sight
 from armadico.core.agent import Identity
@@ -51,6 +52,21 @@ def test_a_mission_that_waits_is_not_driven_and_who_holds_lets_go() -> None:
     assert made.bid().reason == "the mission waits: no way is free"
     made.hand(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 2))
     assert made.holding()
+
+
+@pytest.mark.parametrize("off", [0.3, 0.6, 2.0])
+def test_while_it_turns_towards_the_line_it_drives_the_speed_limit_of_that(off: float) -> None:
+    """And no slower from cycle to cycle: what it commanded last is where its ramp begins."""
+    made = stage(drive_to((9.0, 0.0, 0.0)))
+    made.pose = (0.0, 0.0, off)
+    made.holding()
+    for _ in range(50):
+        made.speed = made.bid().wanted
+        made.cycle()
+    p = Parameters()
+    share = max(1.0 - (off - p.calm_from) / p.calm_over, p.calm_least)
+    top = min(SETTINGS[p.settings].fast.v * share, SETTINGS[p.settings].creep if off > 1.8 else inf)
+    assert made.bid().wanted[0] == pytest.approx(top)
 
 
 def test_an_ended_mission_ends_its_bids() -> None:

@@ -654,6 +654,49 @@ def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
     assert "no nearer" in planned.status().note
 
 
+def touch(desk: Desk, x: float, *, after_s: float = 5.0, epoch: int = 1) -> None:
+    """The robot touches something ahead there, by its odometry, and backs off."""
+    stay(desk, after_s)
+    for stalled in (True, True, False):
+        desk.number += 1
+        at = Point(0.2, 0.0) if stalled else None
+        state = RobotState(Cycle(epoch, desk.number), x, 0, 0, 0, 0, 12, True, stalled, touch=at)
+        desk.agent.receive(state, desk.now + 0.1)
+        desk.take()
+
+
+def test_at_the_third_contact_at_one_place_the_mission_fails_and_says_where(
+    planned: Desk,
+) -> None:
+    mission = planned.trajectories()[-1].mission
+    for x in (1.0, 1.1):
+        touch(planned, x)
+        assert planned.status().state is MissionState.DRIVING
+    touch(planned, 0.9)
+    status, ended = planned.status(), planned.trajectories()[-1]
+    assert (status.state, status.mission) == (MissionState.FAILED, mission)
+    assert "ahead at (0.20, 0.00)" in status.note
+    assert (ended.mission, ended.waypoints) == (mission, ())
+
+
+def test_contacts_far_apart_long_ago_or_in_another_mission_do_not_count(planned: Desk) -> None:
+    for x in (1.0, 2.0, 1.0, 2.0):
+        touch(planned, x)
+    touch(planned, 1.0, after_s=SOME.contacts_s)
+    planned.request(MissionRequest(GOAL))
+    planned.planned(PLAN)
+    touch(planned, 1.0)
+    touch(planned, 1.0)
+    assert planned.status().state is MissionState.DRIVING
+
+
+def test_what_a_hand_has_it_touch_is_the_hand_s(planned: Desk) -> None:
+    planned.hand = "somebody"
+    for _ in range(5):
+        touch(planned, 1.0)
+    assert planned.status().state is MissionState.DRIVING
+
+
 @pytest.mark.parametrize("hindrance", ["lost", "stopped", "given", "by hand"])
 def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: str) -> None:
     given = hindrance == "given"

@@ -267,7 +267,7 @@ def test_from_a_place_in_the_doorway_it_does_not_go_back_first() -> None:
 
 def test_from_beside_a_wall_it_leads_away_first() -> None:
     start = Placed(0.2, 1.0, 0.0)
-    found = plan(ROOMS, start, Placed(0.2, 2.0))
+    found = plan(ROOMS, start, Placed(0.4, 2.0))
     grid = Grid(ROOMS.walls, ROOMS.bounds)
     assert grid.clearance_at(found.waypoints[0]) >= Margins(BODY.circle_m).radius_m
     assert found.clearance_m == pytest.approx(0.2)
@@ -296,6 +296,7 @@ def test_the_same_question_has_the_same_plan() -> None:
         (Placed(-1.0, 1.0), GOAL, r"the start \(-1, 1\) is off the world, which is \(0, 0\)"),
         (START, Placed(3.0, 9.0), r"the goal \(3, 9\) is off the world"),
         (START, Placed(4.6, 1.0), r"the goal \(4\.6, 1\) is inside a wall, or 0\.00 m from one"),
+        (START, Placed(0.3, 1.0), r"0\.30 m from one; it needs 0\.34 m: 0\.30 m to turn"),
         (Placed(0.1, 1.0), GOAL, r"the start .* inside a wall, or 0\.10 m from one"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi, radians, tau
 from pathlib import Path
 
@@ -12,14 +13,24 @@ from armadico.agents.gothrough import Gothrough
 from armadico.agents.goto import Goto
 from armadico.agents.relocate import Parameters, Relocate
 from armadico.core.agent import Agent, Identity
-from armadico.core.behaviour import LOST_M, UNSURE_M
+from armadico.core.behaviour import LOST_M, SLOWEST, UNSURE_M
+from armadico.core.exchange import Bid
 from armadico.core.geometry import Pose2
-from armadico.core.messages import Echo, Log, Particles, Point, Sonar
+from armadico.core.messages import Echo, Log, Obstacles, Particles, Point, Pose, Sonar
 from armadico.core.particles import message_of
 from armadico.observe.measures import speeds
+from tests.framework.robots import body
 from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
 AWAY = drive_to((4.0, 0.0, 0.0))
+PIONEER = body()
+
+
+class Backwards(Goto):
+    """Drives backwards, as fast as it may."""
+
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
+        return Bid(1.0, self.limited(-PIONEER.v_max, 0.0, obstacles))
 
 
 def stage(agent: Agent, off_m: float) -> Stage:
@@ -42,27 +53,48 @@ def test_no_mission_is_driven_while_the_robot_is_lost(kind: type[Agent]) -> None
     assert "lost" in made.bid().reason
 
 
-def test_the_less_sure_the_pose_is_the_slower_it_drives() -> None:
-    tops = []
-    for off_m in (0.0, UNSURE_M, 0.3, 0.45, 0.99 * LOST_M):
-        made = stage(Goto(Identity("goto-1")), off_m)
-        made.speed = (0.5, 0.0)
-        made.cycle()
-        tops.append(made.bid().wanted[0])
-    assert tops == sorted(tops, reverse=True)
-    assert tops[0] == tops[1] > tops[2]
-    assert tops[-1] < 0.4 * tops[0]
+def settled(agent: Agent, off_m: float, points: Sequence[Point] = (), leaving: int = 0) -> float:
+    """The speed that a holder drives at after 5 s, by wheels that do at once what is commanded.
+
+    `leaving`: so many cycles more, without the points.
+    """
+    made = stage(agent, off_m)
+    made.holding(points=points)
+    for cycle in range(50 + leaving):
+        made.speed = made.bid().wanted
+        made.cycle(points=points if cycle < 50 else ())
+    return float(made.bid().wanted[0])
 
 
-def test_whoever_goes_round_something_slows_down_too() -> None:
-    tops = []
-    for off_m in (0.0, 0.9 * LOST_M):
-        made = stage(Avoid(Identity("avoid-1")), off_m)
-        made.speed = (0.2, 0.0)
-        for _ in range(3):
-            made.cycle(points=wall(0.8, -0.1, 0.5))
-        tops.append(made.bid().wanted[0])
-    assert 0.0 < tops[1] < 0.5 * tops[0]
+def cap_at(off_m: float) -> float:
+    return PIONEER.v_max * max((LOST_M - off_m) / (LOST_M - UNSURE_M), SLOWEST)
+
+
+@pytest.mark.parametrize("off_m", [0.35, 0.42, 0.99 * LOST_M])
+def test_an_uncertain_pose_caps_the_speed_and_the_cap_is_driven(off_m: float) -> None:
+    """A factor would apply again in each cycle: goto ramps up from what it commanded last."""
+    sure = settled(Goto(Identity("goto-1")), UNSURE_M)
+    assert cap_at(off_m) < sure
+    assert settled(Goto(Identity("goto-1")), off_m) == pytest.approx(cap_at(off_m))
+
+
+@pytest.mark.parametrize("off_m", [UNSURE_M, 0.99 * LOST_M])
+def test_what_is_slower_than_the_cap_is_as_fast_as_ever(off_m: float) -> None:
+    near = wall(0.6, -0.1, 0.5)
+    made = [settled(Avoid(Identity("avoid-1")), off, near) for off in (0.0, off_m)]
+    assert 0.0 < made[0] < cap_at(off_m)
+    assert made[0] == made[1]
+
+
+def test_a_speed_that_is_offered_to_others_is_not_scaled_in_each_cycle() -> None:
+    sides = [Point(0.1, 0.5), Point(0.1, -0.5)]
+    made = settled(Gothrough(Identity("gothrough-1")), 0.99 * LOST_M, sides, leaving=2)
+    assert made == pytest.approx(cap_at(0.99 * LOST_M))
+
+
+def test_backwards_too() -> None:
+    back = settled(Backwards(Identity("goto-1")), 0.99 * LOST_M)
+    assert back == pytest.approx(-cap_at(0.99 * LOST_M))
 
 
 def test_who_holds_lets_go_when_the_robot_is_lost() -> None:
@@ -155,9 +187,9 @@ def looked_around(*, answers: bool | None) -> Stage:
     return made
 
 
-def ping(made: Stage, answers: bool | None) -> None:
+def ping(made: Stage, answers: bool | None, heard_m: float = 4.0) -> None:
     if answers is not None:
-        heard = (Echo(0.17, 0.03, radians(10), 4.0 if answers else None),)
+        heard = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
         made.hand(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
 
 
@@ -187,7 +219,35 @@ def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
     for _ in range(round(10 * tau / Parameters().w) + 5):
         ping(made, answers=False)
         made.cycle()
-    assert speeds(commands(made.said)[-1])[0] > 0.1
+    assert speeds(commands(made.said)[-1])[0] > 0.0
+
+
+@pytest.mark.parametrize("heard_m", [0.2, 0.25, 4.0])
+def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: float) -> None:
+    """Also where the obstacles say nothing of it, as of a wall whose echo came once."""
+    made = looked_around(answers=True)
+    made.speed = (0.0, 0.0)
+    ping(made, answers=True, heard_m=heard_m)
+    made.cycle()
+    v = speeds(commands(made.said)[-1])[0]
+    left = 0.17 + heard_m - PIONEER.outline.front - Parameters().safety.margin_m
+    assert PIONEER.stopping_distance(v) <= left + 1e-9
+    assert (v == Parameters().v) == (heard_m > 1.0)
+
+
+def test_on_a_way_that_tells_places_apart_too_it_creeps_where_nothing_answers(world: str) -> None:
+    made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
+    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    made.speed = (0.25, 0.0)
+    made.agent._facing = True
+    driven = set()
+    for answers in (True, False):
+        for _ in range(round(10 * Parameters().silent_s) + 2):
+            ping(made, answers)
+            made.cycle()
+        assert made.bid().reason == "lost: to where places differ"
+        driven.add(speeds(commands(made.said)[-1])[0])
+    assert driven == {Parameters().v, Parameters().v_back}
 
 
 def test_where_it_neither_turns_to_what_is_open_nor_gets_on_it_goes_where_there_is_room() -> None:

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from armadico.config.errors import ConfigError
 from armadico.config.loading import names, resource_path
 from armadico.config.mapwriter import write_map
-from armadico.config.profile import load_profile
+from armadico.config.profile import POSE_M, load_profile
 from armadico.config.scenarios import (
     Battery,
     Scenario,
@@ -26,7 +26,7 @@ from armadico.config.scenarios import (
     scenario_from,
     society,
 )
-from armadico.config.worlds import load_world
+from armadico.config.worlds import DOCK_LANE_M, load_world
 
 from .free_space import FreeSpace
 
@@ -186,6 +186,12 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
             "start = [1, 1, 0]",
             "start = [1, 0.1, 0]",
             "own.toml:2: start (1, 0.1) is 0.10 m from a wall of 'sc4'; expected at least 0.30 m",
+        ),
+        (
+            "goal = [8, 1, 0]",
+            "goal = [8, 0.3, 0]",
+            "own.toml:3: goal (8, 0.3) is 0.30 m from a wall of 'sc4'; expected at least 0.34 m:"
+            " 0.30 m to turn, 0.04 m for the error of the pose",
         ),
         (
             "goal = [8, 1, 0]",
@@ -469,7 +475,12 @@ def test_every_robot_can_drive_into_every_dock(name: str) -> None:
 
 def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:
     world = load_world("sc4")
-    for dock in ((4.40, 1.0, 0.0), (0.3, 1.0, 0.0)):  # its front, and before it, in a wall
+    before_m = DOCK_LANE_M + load_profile("pioneer-2dx").body.circle_m + 0.5 * POSE_M
+    for dock in (
+        (4.40, 1.0, 0.0),  # its front in a wall
+        (0.3, 1.0, 0.0),  # and before it
+        (before_m, 1.0, 0.0),  # and there room to turn, but none for the error of the pose
+    ):
         file = tmp_path / "docked.map"
         write_map(replace(world, docks={"one": dock}), file)
         text = OWN.replace('"sc4"', f'"{file}"')

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import cos, inf, sin
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from armadico.core.geometry import turning_circle
 from armadico.core.messages import Cycle, Obstacles, Point
 from armadico.core.motion import Speeds
 from armadico.core.parameters import Safety
-from armadico.core.safety import Limited, Scene, corner_cut, critical, limit
+from armadico.core.safety import UNHEARD_M, Limited, Scene, corner_cut, critical, limit
 from armadico.core.swept_path import free_path
 from tests.core.test_motion import clearance, driven
 from tests.framework.robots import body
@@ -37,6 +38,29 @@ def limited(
 
 def test_the_way_is_free_so_nothing_changes() -> None:
     assert limited(1.5, 0.3) == (1.5, 0.3, inf)
+
+
+@pytest.mark.parametrize("bearing", [0.0, 0.8, 1.57, 3.1])
+@pytest.mark.parametrize("away", [0.5, 0.8, 1.4])
+def test_without_a_map_it_stops_within_the_way_to_the_nearest_point_in_any_direction(
+    away: float, bearing: float
+) -> None:
+    """A sonar does not hear how the wall goes on that the point is of."""
+    point = Point(away * cos(bearing), away * sin(bearing))
+    by_ear = limited(1.6, 0.0, point, safety=Safety(unmapped=True)).v
+    corner = turning_circle(*OUTLINE)
+    assert PIONEER.stopping_distance(by_ear) <= max(away - corner, UNHEARD_M) + 1e-6
+    assert 0.2 < by_ear <= limited(1.6, 0.0, point).v
+
+
+def test_without_a_map_and_with_nothing_heard_it_drives_as_ever() -> None:
+    assert limited(1.5, 0.3, safety=Safety(unmapped=True)) == (1.5, 0.3, inf)
+
+
+@given(st.floats(0.0, 5.0), st.floats(0.0, 0.5))
+def test_it_stops_within_the_way_for_which_a_speed_was_asked(free: float, waited: float) -> None:
+    v = PIONEER.stops_within(free, waited)
+    assert PIONEER.stopping_distance(v, waited) == pytest.approx(free, abs=1e-6)
 
 
 def test_nobody_wishes_for_more_than_the_robot_can() -> None:

@@ -17,7 +17,7 @@ from tests.docs.blocks import ROOT
 
 EXAMPLES = ROOT / "examples"
 SHOWS: dict[str, tuple[int, str]] = {
-    "run_and_path.ipynb": (2, "reached; 4"),
+    "run_and_path.ipynb": (2, "reached; 3"),
     "own_agent.ipynb": (1, "'shy': 1"),
     "thirty_seeds.ipynb": (1, "smooth - abrupt"),
 }

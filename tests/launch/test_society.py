@@ -7,7 +7,7 @@ from math import pi
 import msgspec
 import pytest
 
-from armadico.config.discovery import AGENTS, load
+from armadico.config.discovery import AGENTS, agent_class, load
 from armadico.config.hosts import Host, HostTable, load_hosts
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import load_scenario
@@ -47,6 +47,25 @@ def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
     assert sets["encoder"] == ("x=3.4", "y=0.6", f"theta={pi / 2}")
     assert sets["path-planning"] == ("world=sc4", f"profile={SC4.robot}")
     assert sets["sonar"] == ("world=sc4", "namespace=robot1")
+
+
+@pytest.mark.parametrize(
+    ("plan", "robot", "told"),
+    [
+        ("seen", "pioneer-2dx", ("safety.unmapped=true",)),
+        ("seen", "jackal", ()),
+        ("rooms", "pioneer-2dx", ()),
+    ],
+)
+def test_whoever_drives_by_sonars_without_a_map_is_told_so(
+    plan: str, robot: str, told: tuple[str, ...]
+) -> None:
+    sets = by_name(scenario=msgspec.structs.replace(SC4, plan=plan, robot=robot))
+    assert {sets[name] for name in ("goto", "avoid", "gothrough")} == {told}
+    for name in ("goto", "avoid", "gothrough"):
+        assert load_parameters(agent_class(name).parameters, None, told).safety.unmapped == bool(
+            told
+        )
 
 
 def test_a_redundant_society_has_two_of_each_behaviour_in_processes_of_their_own() -> None:
