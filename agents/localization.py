@@ -28,6 +28,7 @@ from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative
 from armadico.core.messages import (
+    Card,
     Correction,
     Cycle,
     Echo,
@@ -37,6 +38,7 @@ from armadico.core.messages import (
     RobotState,
     Scan,
     Sonar,
+    line,
 )
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
@@ -66,6 +68,10 @@ PARTICLES_S = 0.5
 
 MISFIT_S = 20.0
 """Readings that fit badly for so long are reported: the map may be of another place, or old."""
+
+
+WORN = 2.5
+"""Wheel errors beyond so many of the profile's standard deviations are reported."""
 
 
 class Confirmation(Struct, frozen=True):
@@ -141,7 +147,7 @@ class Localization(Agent):
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
-    launched_with = ("world", "profile")
+    launched_with = ("world", "profile", "start_m", "start_rad")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -174,8 +180,7 @@ class Localization(Agent):
         self._spread = False  # lost since the particles spread: they may converge again
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._since: float | None = None  # when it began to seem lost
-        self._search: Search | None = None  # under way,
-        self._last: Search | None = None  # and the one before it, of a lost robot
+        self._search: Search | None = None  # under way
         self._searched = 0  # news when the last search began,
         self._searched_at = 0.0  # and when that was
         self._doubted = False  # another place explains the news better
@@ -186,6 +191,7 @@ class Localization(Agent):
         self._unproved = 0  # and searches that have to confirm it yet
         self._fitted_at = 0.0  # when the readings last fitted,
         self._misfit = False  # and whether that is long ago
+        self._doubts = ""  # of the odometry, as reported
         self._shown_at = float("-inf")
         self._shown: tuple[int, Particles] | None = None  # of which change of the particles
 
@@ -220,13 +226,12 @@ class Localization(Agent):
             return
         if another and begun_anew(before, odometry):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
-            self._search, self._last, self._searched = None, None, 0
+            self._search, self._searched = None, 0
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
-        for search in (self._search, self._last):
-            if search is not None:
-                search.move(motion)
+        if self._search is not None:
+            self._search.move(motion)
         self._at = None if self._at is None else compose(self._at, motion)
         self._best = compose(self._best, motion)
         self._elsewhere = compose(self._elsewhere, motion)
@@ -247,6 +252,29 @@ class Localization(Agent):
         except ValueError:
             return
         self._weigh(scan.cycle, lambda: beams)
+
+    def card(self) -> Card:
+        """With what was learnt of the wheels."""
+        learnt = self._wheels() if self._begun else ""
+        return replace(super().card(), learnt=line(learnt), doubts=line(self._doubts))
+
+    def _wheels(self) -> str:
+        turning, drift, way = self._filter.learnt
+        o = self._filter.odometry
+        return (
+            f"errors of the wheels (and the profile's standard deviations): turns"
+            f" {100 * turning:+.1f} % ({100 * o.alpha1:.1f}), ways {100 * way:+.1f} %"
+            f" ({100 * o.alpha3:.1f}), drift {drift:+.3f} rad/m ({o.alpha2:.3f})"
+        )
+
+    def _watch_wheels(self) -> None:
+        """Report wheels that are far worse than the profile says."""
+        o = self._filter.odometry
+        limits = zip(self._filter.learnt, (o.alpha1, o.alpha2, o.alpha3), strict=True)
+        if self._lost or self._doubts or all(abs(off) <= WORN * alpha for off, alpha in limits):
+            return
+        self._doubts = f"the odometry is worse than [odometry] of the profile: {self._wheels()}"
+        self.log(self._doubts, WARNING)
 
     def _weigh(self, cycle: Cycle, readings: Callable[[], Sequence[Echo]]) -> None:
         """Weigh the particles, and publish where they are."""
@@ -280,6 +308,7 @@ class Localization(Agent):
         if self.now - self._shown_at >= PARTICLES_S:
             self._shown_at = self.now
             self._show(cycle)
+            self._watch_wheels()
 
     def _show(self, cycle: Cycle) -> None:
         """Publish some particles: the same again while the robot stands."""
@@ -322,7 +351,6 @@ class Localization(Agent):
             return
         search, self._search = self._search, None
         if self._lost or self._unproved:
-            self._last = search
             self._locate(search)
         elif self._at is not None:
             self._check(search, self._at)
@@ -334,7 +362,7 @@ class Localization(Agent):
             if history.news < self._confirm.looks_after:
                 return None
             history.mark()
-            return particles.search(also=self._last)
+            return particles.search()
         if not self._doubted and particles.fit >= self.p.fits:
             self._trust()
             return None
@@ -379,13 +407,13 @@ class Localization(Agent):
     def _lose(self, why: str, *, spread: bool = False) -> None:
         self._lost, self._spread, self._since = True, spread, None
         self._sure = self._unproved = 0
-        self._search = self._last = None
+        self._search = None
         self.log(f"the robot is lost: {why}", WARNING)
 
     def _find(self, pose: Pose2) -> None:
         self._lost, self._since, self._unproved = False, None, self.p.proved_times
         self._doubted, self._verdicts, self._searched = False, 0, 0
-        self._search, self._last, self._at = None, None, pose
+        self._search, self._at = None, pose
         self.log(f"the robot is found: at {_place(pose)}")
 
     def _locate(self, search: Search) -> None:
@@ -397,6 +425,8 @@ class Localization(Agent):
         if not (places := search.places):
             return
         best = places[0]
+        if self._lost and not self._spread:
+            self._filter.gather(search)  # for the next search, and for what relocate compares
         sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
         if not self._lost:
             if self._at is None or not apart(best.pose, self._at):
@@ -407,7 +437,8 @@ class Localization(Agent):
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
         if self._sure >= self.p.found_times:
-            self._filter.gather(search)
+            if self._spread:
+                self._filter.gather(search)
             self._find(best.pose)
 
     def _watch_fit(self, fit: float) -> None:

@@ -277,22 +277,22 @@ class MonteCarlo:
         """The geometric mean of the newest readings' likelihoods where the particles are."""
         return exp(sum(self._logs) / len(self._logs)) if self._logs else 1.0
 
-    def search(self, most: int | None = None, also: Search | None = None) -> Search:
-        """A search of the whole map by the newest `most` readings, or by all.
+    @property
+    def learnt(self) -> tuple[float, float, float]:
+        """The wheels' lasting errors: of a turn (rad/rad), by driving (rad/m), of a way (m/m)."""
+        drift, turning, way = (self.weights @ self.wheels).tolist()
+        return turning, drift, way
 
-        It starts from places all over the map, from particles, and from what `also` has found.
-        """
+    def search(self, most: int | None = None) -> Search:
+        """A search of the whole map by the newest `most` readings, or by all."""
         drawn = self._drawn(self.settings.search.tries)
-        known = np.column_stack([self.poses[drawn], self.wheels[drawn, :2]])
-        if also is not None:
-            known = np.concatenate([known, also.guesses])
         return Search(
             self._model,
             self._free,
             self.odometry,
             self.settings.search,
             self.history.stretch(most),
-            known,
+            np.column_stack([self.poses[drawn], self.wheels[drawn, :2]]),
             self._rng,
         )
 

@@ -318,6 +318,8 @@ def _faults(cards: Iterable[Card]) -> Iterator[Finding]:
             yield Finding(card.name, WRONG, card.fault, "mend that, and start the society again")
         if card.doubts:
             yield Finding(card.name, NOTE, card.doubts, "is it the right profile?")
+        if card.learnt:
+            yield Finding(card.name, OK, card.learnt)
 
 
 def stands(found: Standing) -> Finding:

@@ -1279,7 +1279,8 @@ class Card(Message, frozen=True):
     """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
     stays."""
     fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
-    doubts: Text = ""  # and what it works by that may be wrong
+    doubts: Text = ""  # what it works by that may be wrong,
+    learnt: Text = ""  # and what it has estimated of the robot while it drove
 
 
 class BidRecord(Message, frozen=True):

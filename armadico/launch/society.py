@@ -156,7 +156,9 @@ def _competes_for(name: str) -> Collection[Resource]:
 
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:
     """The agents of a run, the robot agent first; `port` is the URL of the robot's controller."""
-    return _launched(names(scenario, options.without), facts(scenario, options, port), options)
+    known = options.robot is None  # the simulator puts it there
+    told = facts(scenario, options, port, placed=known)
+    return _launched(names(scenario, options.without), told, options)
 
 
 def share(
@@ -171,7 +173,8 @@ def share(
     taking = Counter(name for name in taken if name not in options.without)
     scenario = scenario or NOWHERE
     here = (*(name for name in host.agents for _ in range(taking[name])), *more)
-    return _launched(here, facts(scenario, options, host.robot or ""), options)
+    told = facts(scenario, options, host.robot or "", placed=host.robot is None)
+    return _launched(here, told, options)
 
 
 def spare(
@@ -215,7 +218,14 @@ def least(scenario: Scenario) -> Scenario:
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
 
 
-def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, object]:
+PLACED_M, PLACED_RAD = 0.05, radians(2.0)
+"""Standard deviations of a start pose at which a simulator has put the robot; a person who puts a
+robot down is less exact, and the agents' own defaults count."""
+
+
+def facts(
+    scenario: Scenario, options: Options, port: str = "", *, placed: bool = False
+) -> dict[str, object]:
     """What an agent may be launched with, by the names of parameters; None: nothing is said.
 
     `social.` is for whoever competes for the wheels; the rest for whoever declares it
@@ -229,6 +239,8 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "x": x,
         "y": y,
         "theta": radians(degrees),
+        "start_m": PLACED_M if placed else None,
+        "start_rad": PLACED_RAD if placed else None,
         "world": None if unmapped(scenario) else scenario.world,  # they are to find out
         "v_max": scenario.v_max,
         "safety.unmapped": "true" if _by_ear(scenario) else None,

@@ -791,6 +791,17 @@ def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
     assert not any(one.elsewhere for one in said)
 
 
+def test_wheels_that_are_worse_than_the_profile_says_are_reported(world: str) -> None:
+    for drift, worn in ((0.02, False), (0.12, True)):
+        robot = Robot(Parameters(world=world))
+        for pose, motion in drive(START, 400, drift=drift):
+            robot.at(pose, motion, pose)
+        card = robot.agent.card()
+        assert card.learnt
+        assert bool(card.doubts) == worn
+        assert any("odometry is worse" in m.text for m in robot.said if isinstance(m, Log)) == worn
+
+
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
     robot = Robot(Parameters(world=world))
     poses = list(drive(START, 200))
