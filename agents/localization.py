@@ -119,7 +119,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
         1.5  # a place that fits so many times better
     )
     doubts: Odds = 1.5  # with such odds raises doubt, and the robot slows down:
-    doubt_m: Metres = 0.35  # its pose is no surer than this
+    doubt_m: Metres = 0.45  # its pose is no surer than this,
+    misfit_m: Metres = 0.3  # and no surer than this while the readings fit badly all along
     confirm: Confirmation | None = None  # what makes it lost, and found
     found: Share = 0.95  # found with this much of the weight in one of all the places that fit,
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in so many searches in a row;
@@ -294,8 +295,9 @@ class Localization(Agent):
             c = np.maximum(self._filter.scatter(), np.eye(3))
         elif self._unproved:
             c = c + np.diag([0.5 * self.p.unproved_m**2] * 2 + [0.0])
-        elif (self._doubted or self._misfit) and found.deviation_m < self.p.doubt_m:
-            c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
+        elif self._doubted or self._misfit:
+            least = self.p.doubt_m if self._doubted else self.p.misfit_m
+            c = c + np.diag([0.5 * max(0.0, least**2 - found.deviation_m**2)] * 2 + [0.0])
         self.publish(
             Correction(
                 cycle,
@@ -330,7 +332,7 @@ class Localization(Agent):
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
         if self._lost:
-            if self._spread and share >= p.found and width < p.doubt_m and found.fit >= p.fits:
+            if self._spread and share >= p.found and width < p.misfit_m and found.fit >= p.fits:
                 self._find(found.pose)
             return
         doubtful = share < p.lost or width > p.lost_m

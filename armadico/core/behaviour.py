@@ -37,8 +37,10 @@ BY_HAND: Final = 0.9
 """What a behaviour bids at the most while a hand is on the stick, unless it is critical. With 1.0,
 which many reach, the hand would get the wheels from nobody who has them: it can bid no more."""
 
-SLOWEST = 0.3
-"""Share of the robot's top speed that an unsure robot may drive just before it is lost."""
+SURE_M_S, SLOWEST = 1.0, 0.3
+"""Cap on the speed of a robot whose pose is just no longer sure, m/s (or its top speed, if that is
+less), and the share of it that is left just before it is lost. Not a share of the top speed alone:
+0.3 of a Jackal's 2 m/s would be no caution."""
 
 
 class Behaviour(Agent):
@@ -116,12 +118,14 @@ class Behaviour(Agent):
         The uncertainty is a cap, not a factor. A behaviour ramps up from what it commanded last, so
         a factor would apply again in each cycle until the robot stands.
         """
-        most = self.body.v_max * self.sureness
-        return limit(min(max(v, -most), most), w, scene, safety)
+        if (sure := self.sureness) < 1.0:
+            most = min(self.body.v_max, SURE_M_S) * sure
+            v = min(max(v, -most), most)
+        return limit(v, w, scene, safety)
 
     @property
     def sureness(self) -> float:
-        """Share of its top speed that the robot may drive with a pose as uncertain as this one."""
+        """1 with a sure pose; else the share of `SURE_M_S` that the robot may drive."""
         pose = self.latest(Pose)
         off = 0.0 if pose is None or self.seeks else pose.deviation
         return min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)

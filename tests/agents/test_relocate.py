@@ -13,7 +13,7 @@ from armadico.agents.gothrough import Gothrough
 from armadico.agents.goto import Goto
 from armadico.agents.relocate import Parameters, Relocate
 from armadico.core.agent import Agent, Identity
-from armadico.core.behaviour import LOST_M, SLOWEST, UNSURE_M
+from armadico.core.behaviour import LOST_M, SLOWEST, SURE_M_S, UNSURE_M
 from armadico.core.exchange import Bid
 from armadico.core.geometry import Pose2
 from armadico.core.messages import Echo, Log, Obstacles, Particles, Point, Pose, Sonar
@@ -67,7 +67,7 @@ def settled(agent: Agent, off_m: float, points: Sequence[Point] = (), leaving: i
 
 
 def cap_at(off_m: float) -> float:
-    return PIONEER.v_max * max((LOST_M - off_m) / (LOST_M - UNSURE_M), SLOWEST)
+    return min(PIONEER.v_max, SURE_M_S) * max((LOST_M - off_m) / (LOST_M - UNSURE_M), SLOWEST)
 
 
 @pytest.mark.parametrize("off_m", [0.35, 0.42, 0.99 * LOST_M])
