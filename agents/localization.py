@@ -61,7 +61,7 @@ UNDOUBTED = 2
 """Newest readings that may be of another place though there is no doubt yet."""
 
 AGAIN_S = 3.0
-"""A doubt is searched for again after so long by whatever is new: a slow robot has few readings."""
+"""A search begins after so long by whatever is new: a slow robot has few readings."""
 
 PARTICLES_S = 0.5
 """From one publication of particles to the next, for displays."""
@@ -293,11 +293,9 @@ class Localization(Agent):
         c = found.covariance
         if self._lost:  # at least a metre off: no place fits
             c = np.maximum(self._filter.scatter(), np.eye(3))
-        elif self._unproved:
-            c = c + np.diag([0.5 * self.p.unproved_m**2] * 2 + [0.0])
-        elif self._doubted or self._misfit:
-            least = self.p.doubt_m if self._doubted else self.p.misfit_m
-            c = c + np.diag([0.5 * max(0.0, least**2 - found.deviation_m**2)] * 2 + [0.0])
+        else:
+            more = max(0.0, self._least_m() ** 2 - found.deviation_m**2)
+            c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
         self.publish(
             Correction(
                 cycle,
@@ -311,6 +309,14 @@ class Localization(Agent):
             self._shown_at = self.now
             self._show(cycle)
             self._watch_wheels()
+
+    def _least_m(self) -> float:
+        """Least standard deviation that is published of a localized robot, m."""
+        if self._doubted:
+            return self.p.doubt_m
+        if self._unproved:
+            return self.p.unproved_m
+        return self.p.misfit_m if self._misfit else 0.0
 
     def _show(self, cycle: Cycle) -> None:
         """Publish some particles: the same again while the robot stands."""
@@ -369,7 +375,7 @@ class Localization(Agent):
             self._trust()
             return None
         new, waited = history.news - self._searched, self.now - self._searched_at
-        if new < self.p.doubted_after and not (self._doubted and new > 0 and waited >= AGAIN_S):
+        if new < self.p.doubted_after and not (new > 0 and waited >= AGAIN_S):
             return None
         self._searched, self._searched_at = history.news, self.now
         return particles.search(min(history.news, particles.settings.search.doubted))

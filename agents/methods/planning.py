@@ -85,7 +85,14 @@ def plan(
     """
     known = grid_of(world.barriers, world.bounds, CELL_M)
     _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
-    _check(world, known, "goal", goal, body.goal_room_m, f"; it needs {body.goal_needs}")
+    _check(
+        world,
+        known,
+        "goal",
+        goal,
+        body.goal_room_m,
+        f"; it needs {body.goal_room_m:.2f} m: {body.goal_needs}",
+    )
     grid = known.beside(seen)
     clearance = grid.clearance_at(goal)
     if clearance < body.width_m / 2:

@@ -20,7 +20,7 @@ from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
 from armadico.core.agent import Identity, Publish
-from armadico.core.behaviour import LOST_M
+from armadico.core.behaviour import LOST_M, UNSURE_M
 from armadico.core.geometry import Pose2, compose, relative
 from armadico.core.messages import Correction, Cycle, Echo, Pose, RobotState, Scan, Sonar
 from armadico.core.scans import message_of
@@ -75,7 +75,7 @@ def test_beyond_the_map_nothing_fits_and_guesses_may_lie_anywhere() -> None:
     model = LaserModel(GRID)
     beams = [Echo(0.1, 0.0, 0.0, 2.0)]
     far = np.array([(-500.0, 3.0, 0.0), (1e6, -1e6, 1.0)], dtype=np.float32)
-    assert model.likelihood(far, beams) == pytest.approx(RANDOM, abs=1e-6)
+    assert model.likelihood(far, beams) == pytest.approx(RANDOM, abs=1e-4)
 
 
 def test_rays_without_a_hit_are_left_out_and_the_others_evenly_drawn() -> None:
@@ -163,7 +163,8 @@ def test_one_that_stands_where_it_was_put_down_doubts_it_too() -> None:
         society.cycle((0.0, 0.0, 0.04))  # it turns a little, and stands
     said = [society.cycle((0.0, 0.0, 0.0)) for _ in range(50)]
     assert said[-1] is not None
-    assert said[-1].covariance[0] + said[-1].covariance[3] > LOST_M**2
+    assert said[-1].covariance[0] + said[-1].covariance[3] > UNSURE_M**2
+    assert said[-1].elsewhere
 
 
 def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:

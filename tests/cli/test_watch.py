@@ -157,7 +157,8 @@ def test_a_run_has_read_its_scenario_its_map_and_every_agents_code(here: Path) -
     )
     written("my.toml", "goal = [")
     broken = drive(["my.toml", "--virtual"])
-    assert (broken.code, broken.result) == (options.USAGE, None)
+    assert broken.code == options.USAGE
+    assert broken.result is None or not broken.result.reached
     assert here.resolve() / "my.toml" in broken.read
 
 

@@ -215,6 +215,8 @@ def test_every_shipped_robot_loads() -> None:
             "jackal-sonars",
             "pioneer-16",
             "pioneer-2dx",
+            "pioneer-3at",
+            "pioneer-3dx",
             "turtlebot3-burger",
             "turtlebot4",
         )
@@ -299,8 +301,8 @@ def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
 
 
 KNOWN = (
-    "amigobot, create3, jackal, jackal-sonars, pioneer-16, pioneer-2dx, turtlebot3-burger,"
-    " turtlebot4"
+    "amigobot, create3, jackal, jackal-sonars, pioneer-16, pioneer-2dx, pioneer-3at, pioneer-3dx,"
+    " turtlebot3-burger, turtlebot4"
 )
 
 

@@ -558,9 +558,9 @@ def test_a_goal_that_walls_shut_off_is_an_error_before_anything_drives(
 
 @pytest.mark.parametrize(("y", "free"), [(0.3, True), (0.3 - 1e-9, True), (0.2999, False)])
 def test_a_distance_that_is_too_small_reads_as_smaller_than_the_limit(y: float, free: bool) -> None:
-    assert load_profile("pioneer-2dx").body.circle_m == pytest.approx(0.3, abs=1e-3)
-    world, radius = load_world("sc4"), load_profile("pioneer-2dx").body.circle_m
-    faults = [*_misplaced(world, ("goal",), (1.0, y + radius - 0.3, 0.0), radius)]
+    world, body = load_world("sc4"), load_profile("pioneer-2dx").body
+    assert body.circle_m == pytest.approx(0.3, abs=1e-3)
+    faults = [*_misplaced(world, ("start",), (1.0, y + body.circle_m - 0.3, 0.0), body)]
     if free:
         assert not faults
         return

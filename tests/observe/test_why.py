@@ -30,6 +30,7 @@ from armadico.core.messages import (
     Stop,
     Waypoint,
 )
+from armadico.core.resources import WHEELS
 from armadico.mesh.link_faults import WHOLE
 from armadico.observe import why
 from armadico.observe.standing import Cause, Sort
@@ -160,6 +161,21 @@ def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Overhea
     return lambda _: Overheard(scenario=scenario(name, *agents)).drive(seconds)
 
 
+def driven_by(name: str, scene: str) -> Callable[[Path], Overheard]:
+    """Driven until the agent has held the wheels for a second."""
+
+    def begin(_: Path) -> Overheard:
+        heard = Overheard(scenario=scenario(scene)).drive(1.0)
+        held = 0
+        while held < 10 and heard.mesh.now < 60.0:
+            heard.let_pass(0.1)
+            held = held + 1 if heard.agent(name).holds(WHEELS) else 0
+        assert held == 10, f"{name} never drove"
+        return heard
+
+    return begin
+
+
 def without(name: str) -> Scenario:
     return replace(LINE, agents=tuple(agent for agent in LINE.agents if agent != name))
 
@@ -233,7 +249,7 @@ INCIDENTS: dict[str, Incident] = {
         nothing, Sort.OUTBID, "avoid", exchange, 9.0, shipped("sc3", 0.1, *LINE.agents)
     ),
     "killed as it drives": Incident(
-        kill("gothrough"), Sort.ABSENT, "gothrough", exchange, 3.0, shipped("sc4", 9.0)
+        kill("gothrough"), Sort.ABSENT, "gothrough", exchange, 3.0, driven_by("gothrough", "sc4")
     ),
     "blind sonar": Incident(blind, Sort.UNSEEN, "sonar", collision, 1.0, shipped("sc2", 1.0)),
     "heedless goto": Incident(heedless, Sort.DRIVEN, "goto", collision, 1.0, shipped("sc2", 1.0)),
@@ -300,12 +316,12 @@ def test_a_moment_tells_what_the_owner_refuses_and_why() -> None:
 
 
 def test_while_an_exchange_goes_on_a_moment_tells_whose_actions_are_blended() -> None:
-    heard = Overheard(scenario=scenario("sc4", *LINE.agents, "gothrough")).drive(12.0)
-    for _ in range(20):
+    heard = Overheard(scenario=scenario("sc4", *LINE.agents, "gothrough")).drive(6.0)
+    for _ in range(100):
         heard.let_pass(0.1)
         heard.chronicle.mark(heard.mesh.now)
     heard.chronicle.finish()
-    first = next(each for each in heard.chronicle.exchanges if each.t > 13.0 and each.cycles > 2)
+    first = next(each for each in heard.chronicle.exchanges if each.t > 7.0 and each.cycles > 2)
     during = [
         each.contests[0]
         for each in heard.chronicle.moments
