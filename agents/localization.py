@@ -66,8 +66,8 @@ AGAIN_S = 3.0
 PARTICLES_S = 0.5
 """From one publication of particles to the next, for displays."""
 
-MISFIT_S = 20.0
-"""Readings that fit badly for so long are reported: the map may be of another place, or old."""
+MISFIT_S = 15.0
+"""Time constant of the average over how well readings fit the map, while the robot moves."""
 
 
 WORN = 2.5
@@ -88,12 +88,15 @@ class Confirmation(Struct, frozen=True):
     fit: float  # where the readings fit so well in absolute terms, by their geometric mean
     looks_after: int  # new readings after which a lost robot is searched for,
     found_fit: float  # and how well they have to fit where it is found
+    misfit: float  # a worse fit than this on average is reported
 
 
 SONARS = Confirmation(
-    3, same_place=False, odds=7.5, most=3, fit=0.42, looks_after=5, found_fit=0.28
+    3, same_place=False, odds=7.5, most=3, fit=0.42, looks_after=5, found_fit=0.28, misfit=0.3
 )
-LASER = Confirmation(5, same_place=True, odds=1.5, most=1, fit=0.7, looks_after=3, found_fit=0.6)
+LASER = Confirmation(
+    5, same_place=True, odds=1.5, most=1, fit=0.7, looks_after=3, found_fit=0.6, misfit=0.5
+)
 """Chosen on six logs of real robots (lasers) and on simulated kidnappings (sonars)."""
 
 
@@ -190,8 +193,8 @@ class Localization(Agent):
         self._sure = 0  # searches in a row in which one place was much better than all others,
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and searches that have to confirm it yet
-        self._fitted_at = 0.0  # when the readings last fitted,
-        self._misfit = False  # and whether that is long ago
+        self._fit = 2.0 * self._confirm.misfit  # of the readings, on average,
+        self._misfit = False  # and whether that is bad
         self._doubts = ""  # of the odometry, as reported
         self._shown_at = float("-inf")
         self._shown: tuple[int, Particles] | None = None  # of which change of the particles
@@ -201,7 +204,6 @@ class Localization(Agent):
         if self._begun or not self._useful or self._odometry is None:
             return
         self._begun = True
-        self._fitted_at = self.now
         self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
@@ -283,13 +285,13 @@ class Localization(Agent):
             return
         if self._filter.due:
             self._filter.weigh(readings())
+            self._watch_fit()
         # While it is localized it stays with that place: another one that fits as well, the room
         # next door, is no reason to leave it before it no longer fits.
         self._seek()
         found = self._filter.estimate(None if self._lost else self._at)
         self._judge(found)
         self._filter.lost = self._lost and not self._spread
-        self._watch_fit(found.fit)
         c = found.covariance
         if self._lost:  # at least a metre off: no place fits
             c = np.maximum(self._filter.scatter(), np.eye(3))
@@ -449,15 +451,18 @@ class Localization(Agent):
                 self._filter.gather(search)
             self._find(best.pose)
 
-    def _watch_fit(self, fit: float) -> None:
-        """Report readings that fit the map badly all along: the robot slows down until they fit."""
-        if self._lost or fit >= self.p.fits:
-            self._fitted_at, self._misfit = self.now, False
-        elif not self._misfit and self.now - self._fitted_at > MISFIT_S:
-            self._misfit = True
+    def _watch_fit(self) -> None:
+        """Report readings that fit the map badly on average; the robot is slow until they fit."""
+        least = self._confirm.misfit
+        if self._lost:
+            self._fit, self._misfit = 2.0 * least, False
+            return
+        self._fit += self.cycles.period / MISFIT_S * (self._filter.fit - self._fit)
+        before, self._misfit = self._misfit, self._fit < least
+        if self._misfit and not before:
             self.log(
-                f"the readings fit the map badly for {MISFIT_S:.0f} s ({fit:.2f}):"
-                " it may be of another place, or much has changed",
+                f"the readings fit the map badly ({self._fit:.2f} on average): it may be of another"
+                " place, or much has changed",
                 WARNING,
             )
 

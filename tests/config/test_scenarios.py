@@ -190,8 +190,8 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
         (
             "goal = [8, 1, 0]",
             "goal = [8, 0.3, 0]",
-            "own.toml:3: goal (8, 0.3) is 0.30 m from a wall of 'sc4'; expected at least 0.34 m:"
-            " 0.30 m to turn, 0.04 m for the error of the pose",
+            "own.toml:3: goal (8, 0.3) is 0.30 m from a wall of 'sc4'; expected at least 0.34 m"
+            " (0.30 m to turn, 0.04 m for the error of the pose)",
         ),
         (
             "goal = [8, 1, 0]",

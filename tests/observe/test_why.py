@@ -321,7 +321,7 @@ def test_while_an_exchange_goes_on_a_moment_tells_whose_actions_are_blended() ->
         heard.let_pass(0.1)
         heard.chronicle.mark(heard.mesh.now)
     heard.chronicle.finish()
-    first = next(each for each in heard.chronicle.exchanges if each.t > 7.0 and each.cycles > 2)
+    first = next(each for each in heard.chronicle.exchanges if each.t > 7.0 and each.cycles > 1)
     during = [
         each.contests[0]
         for each in heard.chronicle.moments
