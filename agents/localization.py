@@ -341,7 +341,7 @@ class Localization(Agent):
         self._at = found.pose
         if self._lost:
             if self._spread and share >= p.found and width < p.misfit_m and found.fit >= p.fits:
-                self._find(found.pose)
+                self._find(found.pose, proofs=0)  # it was followed all along
             return
         doubtful = share < p.lost or width > p.lost_m
         self._since = (self._since or self.now) if doubtful else None
@@ -420,8 +420,8 @@ class Localization(Agent):
         self._search = None
         self.log(f"the robot is lost: {why}", WARNING)
 
-    def _find(self, pose: Pose2) -> None:
-        self._lost, self._since, self._unproved = False, None, self.p.proved_times
+    def _find(self, pose: Pose2, proofs: int) -> None:
+        self._lost, self._since, self._unproved = False, None, proofs
         self._doubted, self._verdicts, self._searched = False, 0, 0
         self._search, self._at = None, pose
         self.log(f"the robot is found: at {_place(pose)}")
@@ -446,10 +446,11 @@ class Localization(Agent):
             return
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
-        if self._sure >= self.p.found_times:
+        # Particles that have spread mostly still hold the true pose: leaving them takes more.
+        if self._sure >= self.p.found_times * (2 if self._spread else 1):
             if self._spread:
                 self._filter.gather(search)
-            self._find(best.pose)
+            self._find(best.pose, self.p.proved_times)
 
     def _watch_fit(self) -> None:
         """Report readings that fit the map badly on average; the robot is slow until they fit."""
