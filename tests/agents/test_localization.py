@@ -1007,7 +1007,7 @@ def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_
     path = tmp_path / "other.map"
     path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")
     robot = Robot(Parameters(world=str(path)))
-    for pose, motion in drive(START, 600):
+    for pose, motion in drive(START, 400):
         (correction,) = robot.at(pose, motion, pose)
     assert any("map badly" in m.text for m in robot.said if isinstance(m, Log))
     assert sqrt(correction.covariance[0] + correction.covariance[3]) > UNSURE_M

@@ -15,7 +15,7 @@ from tests.programs import Start, starter
 
 pytestmark = pytest.mark.live
 
-SOON = 90.0
+SOON = 240.0  # a bound on a hang; five hosts on a busy machine need more than a minute
 
 SHORT = """\
 world = "empty"
@@ -44,6 +44,7 @@ def _tmpdir(process: psutil.Process) -> str:
         return ""
 
 
+@pytest.mark.timeout(300)
 def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_path: Path) -> None:
     scenario = tmp_path / "short.toml"
     scenario.write_text(SHORT)
