@@ -81,7 +81,7 @@ class Confirmation(Struct, frozen=True):
     so that the best other place changes from one search to the next; by a laser it stays.
     """
 
-    verdicts: int  # searches in a row that have to agree that the robot is elsewhere,
+    verdicts: int  # searches that have to agree, while the odds last, that it is elsewhere,
     same_place: bool  # at one place, or at any;
     odds: float  # with such odds, a natural logarithm,
     most: int  # with so many times these odds a search counts for as many, at the most
@@ -97,7 +97,7 @@ SONARS = Confirmation(
 LASER = Confirmation(
     5, same_place=True, odds=1.5, most=1, fit=0.7, looks_after=3, found_fit=0.6, misfit=0.5
 )
-"""Chosen on six logs of real robots (lasers) and on simulated kidnappings (sonars)."""
+"""Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars)."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -118,9 +118,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     fits: Share = 0.5  # while the newest readings fit so well there is no search,
     doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # else one after so many more readings,
     stays: Odds = 3.0  # until all other places have such odds against them;
-    fits_better: Annotated[float, Meta(ge=1, le=100)] = (
-        1.5  # a place that fits so many times better
-    )
+    fits_better: Annotated[float, Meta(ge=1, le=100)] = 1.5  # a place that fits so much better
     doubts: Odds = 1.5  # with such odds raises doubt, and the robot slows down:
     doubt_m: Metres = 0.45  # its pose is no surer than this,
     misfit_m: Metres = 0.3  # and no surer than this while the readings fit badly all along
@@ -143,7 +141,7 @@ class Localization(Agent):
 
     Doubt slows the robot down; only confirmation makes it lost. Readings that fit badly may be of
     furniture or people, which fit no place on the map. Where another place explains them better, a
-    search of the whole map has to say so several times in a row, with new readings each time.
+    search of the whole map has to confirm it several times, with new readings each time.
     """
 
     name = "localization"
@@ -188,7 +186,7 @@ class Localization(Agent):
         self._searched = 0  # news when the last search began,
         self._searched_at = 0.0  # and when that was
         self._doubted = False  # another place explains the news better
-        self._verdicts = 0  # searches in a row that speak for another place,
+        self._verdicts = 0  # searches that agreed on another place while the odds lasted,
         self._elsewhere: Pose2 = STOOD  # this one
         self._sure = 0  # searches in a row in which one place was much better than all others,
         self._best: Pose2 = STOOD  # this one,
@@ -286,9 +284,9 @@ class Localization(Agent):
         if self._filter.due:
             self._filter.weigh(readings())
             self._watch_fit()
+        self._seek()
         # While it is localized it stays with that place: another one that fits as well, the room
         # next door, is no reason to leave it before it no longer fits.
-        self._seek()
         found = self._filter.estimate(None if self._lost else self._at)
         self._judge(found)
         self._filter.lost = self._lost and not self._spread

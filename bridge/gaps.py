@@ -10,11 +10,12 @@ that plan by a lower top speed pass closer.
 
 from __future__ import annotations
 
-from math import degrees, inf, radians, sin, sqrt
+from math import degrees, inf, radians, sin
 
-from armadico.bridge.reflex import REACTION_CYCLES, REACTION_S, TOUCH_M
+from armadico.bridge.reflex import TOUCH_M, reaction_s
 from armadico.config.profile import RobotProfile
 from armadico.core.messages import Scan
+from armadico.core.motion import braking
 
 SHARE = 0.75
 """Of the robot's width: what is this wide is met by a ray before the robot meets it. Chosen: with
@@ -61,9 +62,8 @@ class Gaps:
         body, decel, width = profile.body, profile.limits.v_decel, SHARE * profile.body.width_m
         reach = met_within(step, width)
         free = max(reach + x - body.front_m - TOUCH_M, 0.0)
-        reaction = max(REACTION_CYCLES * profile.cycle_s, REACTION_S) + 1.0 / profile.laser.rate_hz
-        slow = reaction * decel
-        self.v_max = max(sqrt(slow * slow + 2.0 * decel * free) - slow, SLOWEST_M_S)
+        reaction = reaction_s(profile) + 1.0 / profile.laser.rate_hz
+        self.v_max = max(braking(free, decel, reaction), SLOWEST_M_S)
         self.told = ""
         if self.v_max < profile.limits.v_max:
             self.told = (

@@ -54,6 +54,11 @@ SAME_PLACE_M = 0.05
 """What is touched again within this is what was touched before, whichever way was tried since."""
 
 
+def reaction_s(profile: RobotProfile) -> float:
+    """From a reading until the wheels follow, s."""
+    return max(REACTION_CYCLES * profile.cycle_s, REACTION_S)
+
+
 class Reflex:
     """Remembers what is ahead, and caps speeds by it."""
 
@@ -61,7 +66,7 @@ class Reflex:
         self._front = profile.body.front_m
         self._half = profile.body.width_m / 2
         self._decel = profile.limits.v_decel
-        self._reaction = max(REACTION_CYCLES * profile.cycle_s, REACTION_S)
+        self._reaction = reaction_s(profile)
         self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
         self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame,
         self._seen_at = -inf

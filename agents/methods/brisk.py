@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, clip, direction, distance
 from armadico.agents.methods.settings import Brisk
 from armadico.core.geometry import wrap
-from armadico.core.motion import Body, Speeds
+from armadico.core.motion import Body, Speeds, braking
 from armadico.core.route import Route
 
 SAME_M = 0.02
@@ -40,11 +40,6 @@ def slowed(settings: Brisk, body: Body, v_max: float | None) -> Brisk:
         w_decel=min(settings.w_decel, body.w_decel),
         park_decel=min(settings.park_decel, body.w_decel),
     )
-
-
-def braking(left: float, decel: float, late: float) -> float:
-    """From which speed it comes to rest in so much, if it begins to brake so late (s)."""
-    return decel * (sqrt(late * late + 2.0 * left / decel) - late) if left > 0.0 else 0.0
 
 
 class Driver:

@@ -62,6 +62,11 @@ NO_NEARER_M = 1e-3
 """What is nearer than the margin may stay as near as it is: by so much it is rounding."""
 
 
+def braking(left: float, decel: float, late: float) -> float:
+    """The speed from which it comes to rest in so much, if it begins to brake so late (s)."""
+    return decel * (sqrt(late * late + 2.0 * left / decel) - late) if left > 0.0 else 0.0
+
+
 class Body(NamedTuple):
     """What the robot is and can, as its owner describes it (`robot/description`)."""
 
@@ -105,8 +110,7 @@ class Body(NamedTuple):
 
     def stops_within(self, free: float, waited: float = 0.0) -> float:
         """The speed from which that takes so many metres, m/s."""
-        late = self.dead_s + self.silence_s + waited
-        return self.v_decel * (sqrt(late * late + 2.0 * max(free, 0.0) / self.v_decel) - late)
+        return braking(free, self.v_decel, self.dead_s + self.silence_s + waited)
 
     def stopping_turn(self, w: float, waited: float = 0.0) -> float:
         """Radians to rest from w rad/s, likewise."""

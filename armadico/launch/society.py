@@ -243,7 +243,7 @@ def facts(
         "start_rad": PLACED_RAD if placed else None,
         "world": None if unmapped(scenario) else scenario.world,  # they are to find out
         "v_max": scenario.v_max,
-        "safety.unmapped": "true" if _by_ear(scenario) else None,
+        "safety.unmapped": "true" if _unmapped_by_sonar(scenario) else None,
         "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,
         "controller": options.controller,
@@ -252,7 +252,7 @@ def facts(
     }
 
 
-def _by_ear(scenario: Scenario) -> bool:
+def _unmapped_by_sonar(scenario: Scenario) -> bool:
     """Whether a robot drives by sonars through a world that it has no map of."""
     return scenario.plan == "seen" and load_profile(scenario.robot).laser is None
 
