@@ -79,9 +79,21 @@ class Model(Protocol):
     """How likely readings are, by a sensor and a map."""
 
     def likelihood(
-        self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False
+        self,
+        poses: Poses,
+        echoes: Sequence[Echo],
+        *,
+        coarse: bool = False,
+        excused: bool = False,
     ) -> NDArray[np.float32]:
-        """The likelihood of each reading at each pose, (poses, echoes); 1 is the best there is."""
+        """The likelihood of each reading at each pose, (poses, echoes); 1 is the best there is.
+
+        Args:
+            poses: Where, (n, 3): m, m, rad.
+            echoes: What was read.
+            coarse: The poses are guesses that lie far apart.
+            excused: A reading that is shorter than by the map counts little against a pose.
+        """
 
 
 class Reading(NamedTuple):
@@ -277,6 +289,10 @@ class Search:
     def alternative(self, here: Pose2, trust: float) -> Alternative | None:
         """The best place apart from this one; None if all places are here.
 
+        At this place readings that are too short are excused: a box that is on no map explains
+        them as well as another place does. Only what is heard through the map's walls, or from
+        farther than anything that should have answered, speaks against it.
+
         Args:
             here: Where the robot is now by the filter: m, m, rad.
             trust: Exponent of an echo's likelihood in the filter.
@@ -287,7 +303,9 @@ class Search:
             return None
         near = np.array([not apart(place.pose, here) for place in places])
         stays = np.concatenate([self._particles, self._guesses[near]])
-        stay = np.cumsum([self._likely(stays, at) for at in self._stretch], axis=0).max(axis=1)
+        stay = np.cumsum(
+            [self._likely(stays, at, excused=True) for at in self._stretch], axis=0
+        ).max(axis=1)
         leaves = self._guesses[others]
         leave = np.cumsum([self._likely(leaves, at) for at in self._stretch], axis=0)
         pings = np.cumsum([at.pings for at in self._stretch])
@@ -359,11 +377,14 @@ class Search:
             left = left[away]
         return guesses[best], logs[best]
 
-    def _likely(self, guesses: Poses, at: Behind, *, whole: bool = True) -> NDArray[np.float64]:
+    def _likely(
+        self, guesses: Poses, at: Behind, *, whole: bool = True, excused: bool = False
+    ) -> NDArray[np.float64]:
         """The logarithm of the likelihood of a reading behind each guess, (guesses,)."""
         poses = _bent(guesses, at.to, at.way, at.turn)
         echoes = [*at.reading.echoes, *at.reading.more] if whole else at.reading.echoes
-        found: NDArray[np.float64] = logs_of(self._model.likelihood(poses, echoes)).sum(axis=1)
+        likelihood = self._model.likelihood(poses, echoes, excused=excused)
+        found: NDArray[np.float64] = logs_of(likelihood).sum(axis=1)
         return found
 
 

@@ -88,8 +88,15 @@ class LaserModel:
         self._west, self._south = (np.float32(low) for low in grid.bounds[:2])
         self._inverse = np.float32(1.0 / grid.cell_m)
 
-    def likelihood(self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False) -> Floats:
-        """The likelihood of each range at each pose, (poses, echoes); 1 is the best there is."""
+    def likelihood(
+        self,
+        poses: Poses,
+        echoes: Sequence[Echo],
+        *,
+        coarse: bool = False,
+        excused: bool = False,  # noqa: ARG002 - the field does not tell what is nearer
+    ) -> Floats:
+        """The likelihood of each range at each pose, (poses, echoes); see `Model`."""
         ahead, left = _ends(echoes)
         field = self._coarse if coarse else self._fine
         found = np.empty((len(poses), len(echoes)), dtype=np.float32)

@@ -41,9 +41,6 @@ LEAST_SHARE: Final = 0.005
 SETTLED: Final = 1e-5
 """A cluster mean that moves by less than this, m and rad, is the same: a float32's noise."""
 
-AROUND: Final = (1.5, 1.0)
-"""Particles within this of the estimate, m and rad, count in its covariance."""
-
 IN_WALL: Final = log(0.1)
 """Log-likelihood of a particle whose body would be in a wall, each time that it is weighed: a wall
 that reflects nothing would let particles drift through. Not impossible, for maps are off by some
@@ -70,23 +67,31 @@ FitsIn = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 class Settings(Struct, frozen=True):
     """Numbers of particles, and how much a reading counts."""
 
-    least: int = 1_000
+    least: int = 2_000  # fewer, and a corridor's far end loses the particles that are right
     most: int = 10_000
     kld_error: float = 0.04  # of the sampled distribution from the true one, in nats
     bin_m: float = 0.25
     bin_rad: float = 0.175
-    forgets: float = 0.05  # share by which a particle's wheel errors vary when it is resampled
+    forgets: float = 0.15  # share by which a particle's wheel errors vary when it is resampled
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands receives the same again
     trust: float = 0.3  # exponent of an echo's likelihood: neighbouring echoes are not independent,
     doubtful: float = 0.2  # smaller while the robot is lost, so that the particles stay spread
     judged: int = 24  # newest echoes that tell how well the readings fit
+    around_m: float = 0.6  # particles within this of the estimate count in its covariance
+    around_rad: float = 0.5
     adaptive: bool = False  # estimate the share of readings that are off the map
     search: global_search.Settings = global_search.Settings()
 
 
 LASER: Final = Settings(
-    least=2_000, trust=0.08, doubtful=0.05, judged=72, adaptive=True, search=global_search.LASER
+    trust=0.08,
+    doubtful=0.05,
+    judged=72,
+    around_m=1.5,
+    around_rad=1.0,
+    adaptive=True,
+    search=global_search.LASER,
 )
 """A scan is some dozens of rays at once: each of them counts for less."""
 
@@ -380,7 +385,7 @@ class MonteCarlo:
 
         By default of the heaviest bin's; to follow one place, give the estimate before. While the
         robot stands that is the same again, once it has settled. The covariance is that of all
-        particles within `AROUND`: a cluster that is cut out of a wide cloud is no narrow one.
+        particles within `around_m`: a cluster that is cut out of a wide cloud is no narrow one.
         """
         if about is not None and self._estimated is not None:
             changes, before, found = self._estimated
@@ -395,7 +400,7 @@ class MonteCarlo:
         if share < 1e-6:
             return self.estimate()
         mean = self.weights[near] @ off[near] / share
-        around = (far < AROUND[0]) & (np.abs(turned) < AROUND[1])
+        around = (far < self.settings.around_m) & (np.abs(turned) < self.settings.around_rad)
         off, w = off[around] - mean, self.weights[around]
         covariance = (off * (w / w.sum())[:, None]).T @ off
         pose = (float(x + mean[0]), float(y + mean[1]), wrap(theta + float(mean[2])))
