@@ -86,7 +86,7 @@ class Confirmation(Struct, frozen=True):
     misfit: float  # a worse fit than this on average is reported
 
 
-SONARS = Confirmation(1, odds=7.5, fit=0.42, better=1.4, looks_after=5, found_fit=0.28, misfit=0.3)
+SONARS = Confirmation(1, odds=10.0, fit=0.42, better=1.4, looks_after=5, found_fit=0.28, misfit=0.3)
 LASER = Confirmation(5, odds=1.5, fit=0.7, better=1.5, looks_after=3, found_fit=0.6, misfit=0.5)
 """Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars).
 
