@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from armadico.agents.methods import monte_carlo
-from armadico.agents.methods.global_search import Model, Search, apart
+from armadico.agents.methods.global_search import Alternative, Model, Search, apart
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
@@ -69,6 +69,8 @@ PARTICLES_S = 0.5
 MISFIT_S = 15.0
 """Time constant of the average over how well readings fit the map, while the robot moves."""
 
+USUAL = 1.4
+"""Where that average begins, in shares of what counts as bad."""
 
 WORN = 2.5
 """Wheel errors beyond so many of the profile's standard deviations are reported."""
@@ -86,7 +88,7 @@ class Confirmation(Struct, frozen=True):
     misfit: float  # a worse fit than this on average is reported
 
 
-SONARS = Confirmation(1, odds=10.0, fit=0.42, better=1.4, looks_after=5, found_fit=0.28, misfit=0.3)
+SONARS = Confirmation(1, odds=7.5, fit=0.42, better=1.4, looks_after=5, found_fit=0.28, misfit=0.3)
 LASER = Confirmation(5, odds=1.5, fit=0.7, better=1.5, looks_after=3, found_fit=0.6, misfit=0.5)
 """Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars).
 
@@ -187,7 +189,7 @@ class Localization(Agent):
         self._sure = 0  # searches in a row in which one place was much better than all others,
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and searches that have to confirm it yet
-        self._fit = 2.0 * self._confirm.misfit  # of the readings, on average,
+        self._fit = USUAL * self._confirm.misfit  # of the readings, on average,
         self._misfit = False  # and whether that is bad
         self._doubts = ""  # of the odometry, as reported
         self._shown_at = float("-inf")
@@ -309,9 +311,10 @@ class Localization(Agent):
     def _least_m(self) -> float:
         """Least standard deviation that is published of a localized robot, m."""
         if self._doubted:
-            return self.p.adrift_m if self._misfit else self.p.doubt_m
+            return self.p.adrift_m if self._misfit or self._verdicts > 1 else self.p.doubt_m
         if self._unproved:
-            return self.p.unproved_m
+            fits = self._filter.fit >= self._confirm.found_fit
+            return self.p.unproved_m if fits else self.p.adrift_m
         return self.p.misfit_m if self._misfit else 0.0
 
     def _show(self, cycle: Cycle) -> None:
@@ -385,12 +388,9 @@ class Localization(Agent):
         """Whether the robot was moved elsewhere: doubt, or a verdict, or neither."""
         p, confirm = self.p, self._confirm
         other = search.alternative(here, self._filter.settings.trust)
-        # What is on no map, and walls that reflect nothing, let other places fit a little better
-        # all along the way: that adds up to any odds.
-        better = other is not None and other.fit >= confirm.better * other.stay_fit
         if other is None or other.throughout < p.doubts:
             self._verdicts = 0
-        self._doubted = other is not None and better and other.odds >= p.doubts
+        self._doubted = other is not None and self._better(other)
         if other is None or (not self._doubted and other.throughout < -p.stays):
             self._trust()
         if other is None or not self._doubted:
@@ -405,6 +405,15 @@ class Localization(Agent):
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
                 f" they fit by {other.fit:.2f} at {_place(other.pose)}"
             )
+
+    def _better(self, other: Alternative) -> bool:
+        """Whether another place explains the readings, and this one does not.
+
+        Where this one fits well it is not so: what is on no map, and walls that reflect nothing,
+        let other places fit a little better all along the way, which adds up to any odds.
+        """
+        fits = self.p.fits > other.stay_fit <= other.fit / self._confirm.better
+        return fits and other.odds >= self.p.doubts
 
     def _lose(self, why: str, *, spread: bool = False) -> None:
         self._lost, self._spread, self._since = True, spread, None
@@ -448,7 +457,7 @@ class Localization(Agent):
         """Report readings that fit the map badly on average; the robot is slow until they fit."""
         least = self._confirm.misfit
         if self._lost:
-            self._fit, self._misfit = 2.0 * least, False
+            self._fit, self._misfit = USUAL * least, False
             return
         self._fit += self.cycles.period / MISFIT_S * (self._filter.fit - self._fit)
         before, self._misfit = self._misfit, self._fit < least

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from armadico.cli.remote_observer import read, written
 from armadico.core.messages import (
     Ack,
     Ballot,
@@ -20,7 +21,6 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from armadico.core.services import BIDS, CARD
 from armadico.observe.watching import Heard, Presence
-from armadico_tools.hosts.remote_observer import read, written
 from armadico_tools.hosts.timeline import Story
 
 GOTO, AVOID = "goto-0000000000000001", "avoid-0000000000000002"

@@ -15,10 +15,10 @@ from contextlib import suppress
 from typing import Final, Protocol
 
 from armadico.cli.options import FailedError
+from armadico.cli.remote_observer import read
 from armadico.config.hosts import load_hosts
 from armadico.config.scenarios import load_scenario
 from armadico.launch.processes import end
-from armadico_tools.hosts.remote_observer import read
 from armadico_tools.hosts.timeline import Story
 from armadico_tools.testbed import TABLE
 
@@ -30,6 +30,10 @@ BESIDE: Final = ("lab1", "avoid")
 
 SEAT: Final = "lab3"
 """The host from which the society is watched and sent on its mission."""
+
+WATCHES: Final = ("python", "-P", "-m", "armadico.cli.remote_observer")
+DRIVES: Final = ("armadico", "run")
+"""What is started on the seat, which has the product and nothing else."""
 
 START_S: Final = 60.0
 LATEST: Final = 0.6
@@ -77,7 +81,7 @@ def _play(hosts: Hosts, watcher: _Watcher, scenario: str, say: Callable[[str], N
     if lacks := story.lacks(wanted):
         raise FailedError(f"not alive after {START_S:.0f} s: {', '.join(lacks)}")
     say(f"all agents are alive, {time.monotonic() - began:.1f} s after the watcher")
-    run = _Command(hosts, "armadico", "run", scenario, "--attach", "--no-plot")
+    run = _Command(hosts, *DRIVES, scenario, "--attach", "--no-plot")
     try:
         watcher.until(lambda: run.ended() or _moment(story), END_S)
         if run.ended():
@@ -192,7 +196,7 @@ class _Watcher(_Command):
 
     def __init__(self, hosts: Hosts) -> None:
         self.story = Story()
-        super().__init__(hosts, "python", "-P", "-m", "armadico_tools.hosts.remote_observer")
+        super().__init__(hosts, *WATCHES)
 
     def until(self, condition: Callable[[], object], within: float) -> None:
         """Take what comes until a condition is true, or time is up (s). Raises FailedError."""

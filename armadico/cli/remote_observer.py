@@ -3,7 +3,7 @@
 A payload is in base64, with its key. Times are ns of the observer's own clock, and are compared
 with no other's.
 
-python -m armadico_tools.hosts.remote_observer --host lab3 --hosts demo
+python -m armadico.cli.remote_observer --host lab3 --hosts demo
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ASK_S: Final = 0.25
 KEYS: Final = (WHEELS.ack_key, WHEELS.command_pattern, "mission/status")
 
 EXAMPLES: Final = """\
-  python -m armadico_tools.hosts.remote_observer --host lab3 --hosts demo
+  python -m armadico.cli.remote_observer --host lab3 --hosts demo
 """
 
 _DECODER: Final[msgspec.json.Decoder[Heard | Presence]] = msgspec.json.Decoder(Heard | Presence)
