@@ -234,6 +234,7 @@ class Localization(Agent):
         self._at = None if self._at is None else compose(self._at, motion)
         self._best = compose(self._best, motion)
         self._elsewhere = compose(self._elsewhere, motion)
+        self._seek()  # each cycle, however seldom there are readings
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Weigh the particles by echoes."""
@@ -282,7 +283,6 @@ class Localization(Agent):
         if self._filter.due:
             self._filter.weigh(readings())
             self._watch_fit()
-        self._seek()
         # While it is localized it stays with that place: another one that fits as well, the room
         # next door, is no reason to leave it before it no longer fits.
         found = self._filter.estimate(None if self._lost else self._at)
