@@ -119,7 +119,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     doubts: Odds = 1.5  # with such odds a place elsewhere raises doubt, and the robot slows down:
     doubt_m: Metres = 0.45  # its pose is no surer than this,
     misfit_m: Metres = 0.3  # and no surer than this while the readings fit badly all along;
-    adrift_m: Metres = 0.6  # both at once: nothing tells where it is but the wheels
+    adrift_m: Metres = 0.6  # both at once, a second verdict, or a place just found that fits badly
     confirm: Confirmation | None = None  # what makes it lost, and found
     found: Share = 0.95  # found with this much of the weight in one of all the places that fit,
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in so many searches in a row;
@@ -138,8 +138,8 @@ class Localization(Agent):
     world, as tf's transform from map to odom. The encoder agent composes it.
 
     Doubt slows the robot down; only confirmation makes it lost. Readings that fit badly may be of
-    furniture or people, which fit no place on the map. Where another place explains them better, a
-    search of the whole map has to confirm it several times, with new readings each time.
+    furniture or people, which fit no place on the map. Where another place explains them better,
+    searches of the whole map have to confirm it, by a laser several in a row.
     """
 
     name = "localization"
@@ -388,12 +388,16 @@ class Localization(Agent):
         """Whether the robot was moved elsewhere: doubt, or a verdict, or neither."""
         p, confirm = self.p, self._confirm
         other = search.alternative(here, self._filter.settings.trust)
-        if other is None or other.throughout < p.doubts:
-            self._verdicts = 0
-        self._doubted = other is not None and self._better(other)
-        if other is None or (not self._doubted and other.throughout < -p.stays):
+        if other is None:
+            self._doubted, self._verdicts = False, 0
             self._trust()
-        if other is None or not self._doubted:
+            return
+        if other.throughout < p.doubts:
+            self._verdicts = 0
+        self._doubted = self._better(other)
+        if not self._doubted:
+            if other.throughout < -p.stays:
+                self._trust()
             return
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
@@ -412,8 +416,11 @@ class Localization(Agent):
         Where this one fits well it is not so: what is on no map, and walls that reflect nothing,
         let other places fit a little better all along the way, which adds up to any odds.
         """
-        fits = self.p.fits > other.stay_fit <= other.fit / self._confirm.better
-        return fits and other.odds >= self.p.doubts
+        return (
+            other.odds >= self.p.doubts
+            and other.stay_fit < self.p.fits
+            and other.fit >= self._confirm.better * other.stay_fit
+        )
 
     def _lose(self, why: str, *, spread: bool = False) -> None:
         self._lost, self._spread, self._since = True, spread, None

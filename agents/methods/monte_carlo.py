@@ -38,6 +38,9 @@ Z_99: Final = 2.326
 LEAST_SHARE: Final = 0.005
 """Of the best place's share: places with less get no particles after a search."""
 
+CLUSTER_M, CLUSTER_RAD = 0.6, 0.5
+"""Particles within this of a pose are at one place with it."""
+
 SETTLED: Final = 1e-5
 """A cluster mean that moves by less than this, m and rad, is the same: a float32's noise."""
 
@@ -78,8 +81,8 @@ class Settings(Struct, frozen=True):
     trust: float = 0.3  # exponent of an echo's likelihood: neighbouring echoes are not independent,
     doubtful: float = 0.2  # smaller while the robot is lost, so that the particles stay spread
     judged: int = 24  # newest echoes that tell how well the readings fit
-    around_m: float = 0.6  # particles within this of the estimate count in its covariance
-    around_rad: float = 0.5
+    around_m: float = CLUSTER_M  # particles within this of the estimate count in its covariance
+    around_rad: float = CLUSTER_RAD
     adaptive: bool = False  # estimate the share of readings that are off the map
     search: global_search.Settings = global_search.Settings()
 
@@ -381,7 +384,7 @@ class MonteCarlo:
         return float(x), float(y), _heading(poses[:, 2], weights)
 
     def estimate(self, about: Pose2 | None = None) -> Estimate:
-        """The mean of a cluster: the particles within 0.6 m and 0.5 rad of a pose.
+        """The mean of a cluster: the particles within `CLUSTER_M` and `CLUSTER_RAD` of a pose.
 
         By default of the heaviest bin's; to follow one place, give the estimate before. While the
         robot stands that is the same again, once it has settled. The covariance is that of all
@@ -395,7 +398,7 @@ class MonteCarlo:
         turned = turned_from(self.poses[:, 2], theta)
         off = np.column_stack([self.poses[:, 0] - x, self.poses[:, 1] - y, turned])
         far = np.hypot(off[:, 0], off[:, 1])
-        near = (far < 0.6) & (np.abs(turned) < 0.5)
+        near = (far < CLUSTER_M) & (np.abs(turned) < CLUSTER_RAD)
         share = float(self.weights[near].sum())
         if share < 1e-6:
             return self.estimate()

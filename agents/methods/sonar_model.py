@@ -257,15 +257,16 @@ class SonarModel:
         ranges = np.array([echo.range for echo in echoes], dtype=np.float64)[:, None]
         heard, x, y = self._heard_from(at, echoes)
         likelihood = self._scattered(at, echoes, ranges, coarse)
-        sees, range_mm = heard["sees_mm"].astype(np.float32), 1e3 * ranges  # whole mm
-        before = sees > _float32(np.floor(range_mm))
+        sees, range_mm = heard["sees_mm"].astype(np.float32), 1e3 * ranges
+        whole_mm = np.floor(range_mm)  # as the model has them
+        before = sees > _float32(whole_mm)
         through = sees < _float32(np.ceil(range_mm - 1e3 * THROUGH_M))
         likelihood += np.float32(SHORT) * before + np.float32(RANDOM)
         likelihood *= _float32((1.0, THROUGH)).take(through)
         likelihood *= np.float32(1.0 - EXACT)
         likelihood += self._exact(x, y, heard, ranges, coarse)
         if excused:
-            nearer = sees > _float32(np.floor(range_mm) + EXCUSED_MM)
+            nearer = sees > _float32(whole_mm + EXCUSED_MM)
             np.maximum(likelihood, EXCUSED * nearer, out=likelihood)
         return likelihood
 
