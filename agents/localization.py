@@ -63,6 +63,9 @@ UNDOUBTED = 2
 AGAIN_S = 3.0
 """A search begins after so long by whatever is new: a slow robot has few readings."""
 
+UNSETTLED_S = 6.0
+"""So long a doubt may last without a new reading, and so may readings that fit by chance."""
+
 PARTICLES_S = 0.5
 """From one publication of particles to the next, for displays."""
 
@@ -85,11 +88,34 @@ class Confirmation(Struct, frozen=True):
     better: float  # and so much better than here
     looks_after: int  # new readings after which a lost robot is searched for,
     found_fit: float  # and how well they have to fit where it is found
-    misfit: float  # a worse fit than this on average is reported
+    misfit: float  # a worse fit than this on average is reported,
+    chance: float  # and no better than this they fit anywhere
+    clear: int = 3  # verdicts that a search counts for, whichever place it finds,
+    clear_odds: float = 7.0  # with such odds,
+    clear_fit: float = 0.85  # if the readings fit there as if everything were mapped,
+    clearly_better: float = 2.5  # or so much better than here
 
 
-SONARS = Confirmation(1, odds=7.5, fit=0.42, better=1.4, looks_after=5, found_fit=0.28, misfit=0.3)
-LASER = Confirmation(5, odds=1.5, fit=0.7, better=1.5, looks_after=3, found_fit=0.6, misfit=0.5)
+SONARS = Confirmation(
+    verdicts=1,
+    odds=7.5,
+    fit=0.42,
+    better=1.4,
+    looks_after=5,
+    found_fit=0.28,
+    misfit=0.3,
+    chance=0.0,
+)
+LASER = Confirmation(
+    verdicts=5,
+    odds=1.5,
+    fit=0.7,
+    better=1.5,
+    looks_after=3,
+    found_fit=0.6,
+    misfit=0.5,
+    chance=0.3,
+)
 """Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars).
 
 What is on no map fits another place by chance. A laser does not see that it is nearer than the map
@@ -119,7 +145,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     doubts: Odds = 1.5  # with such odds a place elsewhere raises doubt, and the robot slows down:
     doubt_m: Metres = 0.45  # its pose is no surer than this,
     misfit_m: Metres = 0.3  # and no surer than this while the readings fit badly all along;
-    adrift_m: Metres = 0.6  # both at once, a second verdict, or a place just found that fits badly
+    adrift_m: Metres = 0.6  # both at once, a second verdict, no reading, or a bad fit once found
     confirm: Confirmation | None = None  # what makes it lost, and found
     found: Share = 0.95  # found with this much of the weight in one of all the places that fit,
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in so many searches in a row;
@@ -310,8 +336,15 @@ class Localization(Agent):
 
     def _least_m(self) -> float:
         """Least standard deviation that is published of a localized robot, m."""
+        chance = self._filter.fit < self._confirm.chance
+        if self._doubted or chance:
+            # At rest there is no new reading to settle it by: relocate makes the robot turn.
+            rests = self.now - self._searched_at > UNSETTLED_S
+            agree = chance or self._misfit or self._verdicts > 1
+            if rests or (self._doubted and agree):
+                return self.p.adrift_m
         if self._doubted:
-            return self.p.adrift_m if self._misfit or self._verdicts > 1 else self.p.doubt_m
+            return self.p.doubt_m
         if self._unproved:
             fits = self._filter.fit >= self._confirm.found_fit
             return self.p.unproved_m if fits else self.p.adrift_m
@@ -401,8 +434,11 @@ class Localization(Agent):
             return
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
-        again = self._verdicts if not apart(other.pose, self._elsewhere) else 0
-        self._verdicts, self._elsewhere = again + 1, other.pose
+        clear = other.odds >= confirm.clear_odds and (
+            other.fit >= min(confirm.clear_fit, confirm.clearly_better * other.stay_fit)
+        )
+        again = self._verdicts if clear or not apart(other.pose, self._elsewhere) else 0
+        self._verdicts, self._elsewhere = again + (confirm.clear if clear else 1), other.pose
         if self._verdicts >= confirm.verdicts:
             self._filter.history.forget(other.readings)
             self._lose(

@@ -12,7 +12,7 @@ Frame: the body's, x forward, y left, the origin at the middle of the wheel axle
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import copysign, cos, hypot, inf, sin, sqrt
+from math import copysign, cos, hypot, inf, sin
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.core.geometry import Pose2, to_world
 from armadico.core.messages import Echo
+from armadico.core.motion import braking
 from armadico.core.scans import Floats
 
 KEPT_S = 0.5
@@ -124,8 +125,7 @@ class Reflex:
         if v <= 0.0 or self._nearest - TOUCH_M >= self._stopping(max(v, self._measured[0])):
             return v  # it would stop before the nearest of all: mostly so, and quickly seen
         free = min(self._free(v, w), self._free(*self._measured))
-        slow = self._reaction * self._decel
-        safe = sqrt(slow * slow + 2.0 * self._decel * max(free - TOUCH_M, 0.0)) - slow
+        safe = braking(free - TOUCH_M, self._decel, self._reaction)
         if safe >= v:
             return v
         self._capped, self._count = (v, safe), self._count + 1

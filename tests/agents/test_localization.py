@@ -14,6 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.localization import (
+    LASER,
     SONARS,
     Confirmation,
     Localization,
@@ -713,7 +714,7 @@ def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: st
     deviations = []
     for pose, motion in drive((1.0, 1.5, 2.0), 100):
         (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
-        deviations.append(sqrt(correction.covariance[0] + correction.covariance[3]))
+        deviations.append(deviation(correction))
         if correction.confidence == 0.0:
             break
     unsure = [off for off in deviations if UNSURE_M < off < LOST_M]
@@ -755,8 +756,12 @@ def lost_in(published: Sequence[Correction]) -> bool:
     return any(one.confidence == 0.0 for one in published)
 
 
+def deviation(one: Correction) -> float:
+    return sqrt(one.covariance[0] + one.covariance[3])
+
+
 def slow(one: Correction) -> bool:
-    return sqrt(one.covariance[0] + one.covariance[3]) > UNSURE_M
+    return deviation(one) > UNSURE_M
 
 
 def other(odds: float, fit: float) -> Alternative:
@@ -786,6 +791,30 @@ def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
     published = carried(robot, 200, (0.02, 0.0, 0.0))
     assert not lost_in(published)
     assert sum(a.elsewhere < b.elsewhere for a, b in pairwise(published)) == 2
+
+
+@pytest.mark.parametrize(("fit", "lost"), [(0.9, True), (0.7, False)])
+def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
+    world: str, monkeypatch: pytest.MonkeyPatch, fit: float, lost: bool
+) -> None:
+    """A lifted laser robot was wrong and sure for 8 s while five searches had to agree."""
+    elsewhere = other(SURE, fit)
+    again = replace(elsewhere, pose=(3.0, 1.5, 2.0))
+    confirm = replace(LASER, clearly_better=3.0)
+    robot = doubting(world, monkeypatch, elsewhere, again, None, confirm=confirm)
+    assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
+
+
+def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Relocate then turns it; it used to stand for half a minute."""
+    robot = doubting(world, monkeypatch, other(3.0, 0.6))
+    while not (said := carried(robot, 1, (0.02, 0.0, 0.0))[0]).elsewhere:
+        pass
+    assert deviation(said) < LOST_M
+    published = carried(robot, 80, (0.0, 0.0, 0.0))
+    assert deviation(published[40]) < LOST_M < deviation(published[-1])
 
 
 def test_it_doubts_until_nothing_speaks_for_another_place(
