@@ -92,8 +92,7 @@ class Confirmation(Struct, frozen=True):
     chance: float  # and no better than this they fit anywhere
     clear: int = 3  # verdicts that a search counts for, whichever place it finds,
     clear_odds: float = 7.0  # with such odds,
-    clear_fit: float = 0.85  # if the readings fit there as if everything were mapped,
-    clearly_better: float = 2.5  # or so much better than here
+    clear_fit: float = 0.85  # if the readings fit there as if everything were mapped
 
 
 SONARS = Confirmation(
@@ -434,9 +433,7 @@ class Localization(Agent):
             return
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
-        clear = other.odds >= confirm.clear_odds and (
-            other.fit >= min(confirm.clear_fit, confirm.clearly_better * other.stay_fit)
-        )
+        clear = other.odds >= confirm.clear_odds and other.fit >= confirm.clear_fit
         again = self._verdicts if clear or not apart(other.pose, self._elsewhere) else 0
         self._verdicts, self._elsewhere = again + (confirm.clear if clear else 1), other.pose
         if self._verdicts >= confirm.verdicts:
