@@ -191,13 +191,12 @@ def _gone_through(past: Past, instances: set[str]) -> Bids:
     from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
 
     found: Bids = {}
-    for journal in past.journals():
-        if journal.instance in instances:
-            replay = Replay(journal)
-            bids = [bid for moment in replay.moments() for bid in moment.bids]
-            if replay.outcome().equal:
-                for bid in bids:
-                    found.setdefault((journal.instance, bid.resource), []).append(bid)
+    for journal in past.journals(instances):
+        replay = Replay(journal)
+        bids = [bid for moment in replay.moments() for bid in moment.bids]
+        if replay.outcome().equal:
+            for bid in bids:
+                found.setdefault((journal.instance, bid.resource), []).append(bid)
     return found
 
 

@@ -122,11 +122,16 @@ def test_so_is_one_that_nothing_can_draw(
     assert "matplotlib is missing" in capsys.readouterr().err
 
 
-def test_a_recording_of_a_virtual_run_that_does_not_fit_ends_the_run(tmp_path: Path) -> None:
-    done = on_a_small_disk("run", "sc1", "--virtual", "--rrd", "run.rrd", cwd=tmp_path)
+@pytest.mark.parametrize(("option", "file"), [("--record", "run.mcap"), ("--rrd", "run.rrd")])
+def test_a_recording_that_does_not_fit_costs_no_measures(
+    tmp_path: Path, option: str, file: str
+) -> None:
+    words = ["run", "sc1", "--virtual", "--sensors=ideal", "--json", option, file]
+    done = on_a_small_disk(*words, cwd=tmp_path)
     assert done.returncode == options.FAILED
-    assert "run.rrd: is not whole" in done.stderr
+    assert f"armadico: {file}: is not whole" in done.stderr
     assert "Traceback" not in done.stderr
+    assert '"reached": true' in done.stdout
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
