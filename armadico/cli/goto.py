@@ -14,6 +14,7 @@ from armadico.cli import options
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
+    from armadico.observe.standing import Hosts
     from armadico.runtime.client import Client, Mission
 
 STARTS_S: Final = 20.0
@@ -44,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
     mission = None
     try:
         with mesh, ExitStack() as stack:
-            client, reason = Client(mesh), Reason(mesh)
+            client, reason = Client(mesh), Reason(mesh, options.agents_by_host(args))
             mission = _sent(client, args)
             show = _shower(stack, mission.length)
 
@@ -66,11 +67,12 @@ def main(argv: Sequence[str]) -> int:
 class Reason:
     """Why the robot stands, as `armadico why --live --standing` explains it."""
 
-    def __init__(self, mesh: ZenohMesh) -> None:
+    def __init__(self, mesh: ZenohMesh, hosts: Hosts) -> None:
         from armadico.observe.view import View  # noqa: PLC0415 - not for --help
         from armadico.observe.watching import Watcher  # noqa: PLC0415
 
         self._watcher, self._view = Watcher([mesh]), View()
+        self._hosts = hosts
         self._ask_at = 0.0
         self._watcher.watch_alive()
         self._watcher.hear()
@@ -87,7 +89,8 @@ class Reason:
             self._watcher.ask_for_bids()
         while (item := self._watcher.take(0.0)) is not None:
             show(self._view, item)
-        cause = standing(self._view, self._watcher.clock() / 1e9, providers).cause
+        now = self._watcher.clock() / 1e9
+        cause = standing(self._view, now, providers, self._hosts).cause
         if cause is None or cause.sort in AS_ASKED:
             return ""
         return options.shown(f"{cause.what} -> {cause.todo}" if cause.todo else cause.what)

@@ -257,6 +257,18 @@ def placed(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
     return place(args, passing=passing)
 
 
+def agents_by_host(args: argparse.Namespace) -> dict[str, tuple[str, ...]]:
+    """The agents that each host of the table runs; none without a table. Raises ConfigError."""
+    if args.host is None and args.hosts is None and HOSTS_VARIABLE not in os.environ:
+        return {}
+    from armadico.cli.places import wanted  # noqa: PLC0415 - not for --help
+    from armadico.config.hosts import load_hosts  # noqa: PLC0415
+
+    named = wanted(args)
+    table = {} if named is None else load_hosts(named).hosts
+    return {name: host.agents for name, host in table.items()}
+
+
 def join_at(
     args: argparse.Namespace,
     where: Place | None,
