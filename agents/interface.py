@@ -62,6 +62,9 @@ WITHDRAWN_MOST: Final = 16
 LOOK_CYCLES: Final = 3
 """Whether something stands across the way is looked at in each so many-th cycle."""
 
+UNHEARD_S: Final = 2.0
+"""A longer time without poses counts for nothing: no time-out is due to it."""
+
 PARKING_M: Final = 0.3
 """Nearer to the goal than this there is no other way to it."""
 
@@ -158,6 +161,7 @@ class Interface(Agent):
         self._nearest, self._nearest_at = inf, 0.0  # m to go on this way
         self._best, self._best_at = inf, 0.0  # of the whole mission
         self._longest = 0.0  # of the ways that were planned anew, m
+        self._pose_at = 0.0
         self._across_since: float | None = None
         self._across_m = self.p.across_m
         self._contacts: list[tuple[float, int, float, float]] = []  # s, epoch, odometry in m
@@ -314,6 +318,9 @@ class Interface(Agent):
 
     def on_pose(self, pose: Pose) -> None:
         """Follow the trajectory; publish how far it is, and the arrival."""
+        unheard, self._pose_at = self.now - self._pose_at, self.now
+        if unheard > UNHEARD_S:
+            self._leave_out(unheard)
         if self._state is not MissionState.DRIVING:
             return
         teleop = self.fresh(TeleopStatus)
@@ -432,6 +439,12 @@ class Interface(Agent):
     def _count_anew(self) -> None:
         """The robot was not to come nearer until now: it had no way, was stopped, or lost."""
         self._nearest, self._nearest_at, self._best_at = inf, self.now, self.now
+        self._across_since = None
+
+    def _leave_out(self, unheard: float) -> None:
+        """Count no time without poses: the clock stepped, or nothing is known of what happened."""
+        self._nearest_at = min(self._nearest_at + unheard, self.now)
+        self._best_at = min(self._best_at + unheard, self.now)
         self._across_since = None
 
     def _plan_anew(self, pose: Pose, why: str) -> None:

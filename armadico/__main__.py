@@ -10,8 +10,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from io import TextIOWrapper
+from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 INTERRUPTED = 130
 
@@ -23,22 +27,43 @@ def main() -> int:
     """`armadico`."""
     with _silently():
         from armadico.cli import main as command  # noqa: PLC0415 - takes its time
-    return _run(command)
+    return run(command)
 
 
 def agent() -> int:
     """`armadico-agent`."""
     with _silently():
         from armadico.cli.agent import main as command  # noqa: PLC0415 - takes its time
-    return _run(command)
+    return run(command)
 
 
-def _run(command: Callable[[], int]) -> int:
+class _Lossy(FileIO):
+    """A file that discards what cannot be written: a full disk, a reader that is gone."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Return the number of bytes written or discarded; never raises OSError."""
+        size = memoryview(data).nbytes
+        try:
+            written = super().write(data)
+        except OSError:
+            return size
+        return size if written is None else written  # None: a full pipe that does not block
+
+
+def run(command: Callable[[], int]) -> int:
+    """Run a command and return its exit code.
+
+    stderr is replaced by one that never fails: a robot must not stop because a log line could not
+    be written.
+    """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by whoever started us: what it says is lost
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors=UNPRINTABLE)
+    if isinstance(sys.stderr, TextIOWrapper):
+        lossy = BufferedWriter(_Lossy(sys.stderr.fileno(), "w", closefd=False))
+        sys.stderr = TextIOWrapper(lossy, sys.stderr.encoding, UNPRINTABLE, line_buffering=True)
     try:
         code = command()
     except KeyboardInterrupt:  # while an error was being told

@@ -29,9 +29,10 @@ def main() -> int:
         return 0
     if program != "armadico":
         os.execvp(program, [program, *words])
-    from armadico.cli import main as run  # noqa: PLC0415 - nothing is imported for nobody
+    from armadico.__main__ import run  # noqa: PLC0415 - nothing is imported for nobody
+    from armadico.cli import main as command  # noqa: PLC0415
 
-    return run(words)
+    return run(lambda: command(words))
 
 
 if __name__ == "__main__":

@@ -281,7 +281,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     if any(card and WHEELS.name in card.owns for card in cards.values()):
-        yield stands(standing(view, now, providers))
+        yield stands(standing(view, now, providers, options.agents_by_host(args)))
     yield from () if view.state is None else robot(view.state, view.level)
     yield from () if view.pose is None else (pose(view.pose),)
     yield from monitors(view.reports.values())

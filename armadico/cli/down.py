@@ -28,6 +28,7 @@ LOOK_S: Final = 0.05
 EXAMPLES: Final = """\
   armadico down
   armadico down --host lab1 --namespace robot2
+  armadico down --hosts lab.toml
 """
 
 
@@ -39,18 +40,31 @@ def main(argv: Sequence[str]) -> int:
 
     namespace = checked_namespace(args.namespace)
     try:
-        found = list(shares(namespace, args.host))
+        hosts = _hosts(args)
+        found = [each for each in shares(namespace, args.host) if not hosts or each.host in hosts]
     except OSError as error:
         raise FailedError(f"cannot look what is up: {error}") from None
-    whose = f"of {args.host} " if args.host else ""
+    whose = f"of {', '.join(hosts)} " if hosts else ""
     for share in found:
         _end(share)
-    left = [] if args.host else _end_orphans(namespace)
+    left = [] if hosts else _end_orphans(namespace)
     if left:
         print(f"ended what a killed `armadico run` had left: {', '.join(left)}")
     elif not found:
         print(f"nothing {whose}is up on this machine in namespace {namespace!r}")
     return 0
+
+
+def _hosts(args: argparse.Namespace) -> list[str]:
+    """The hosts whose shares are meant; none: all. Raises ConfigError."""
+    if args.hosts is None:
+        return [args.host] if args.host else []
+    from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
+
+    table = load_hosts(args.hosts)
+    if args.host:
+        table.host(args.host)
+    return [args.host] if args.host else list(table.hosts)
 
 
 def _end_orphans(namespace: str) -> list[str]:
@@ -86,6 +100,9 @@ def parser() -> argparse.ArgumentParser:
     )
     options.add_namespace_option(made)
     made.add_argument("--host", metavar="H", help="this host's share only (default: all)")
+    made.add_argument(
+        "--hosts", metavar="TABLE", help="the shares of this host table's hosts only (default: all)"
+    )
     return made
 
 

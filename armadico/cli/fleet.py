@@ -65,13 +65,16 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     label = scenario.name if args.attach else f"{scenario.name} seed {seed}"
     say = _Lines(label)
     drive = _virtual if args.virtual else _attached if args.attach else _live
-    result = drive(args, scenario, chosen, say.show)
+    faults: list[str] = []
+    result = drive(args, scenario, chosen, say.show, faults.append)
     if args.json:
         import msgspec  # noqa: PLC0415 - not for --help
 
         print(json.dumps(msgspec.to_builtins(result)))
     else:
         _table(result, label)
+    if faults:
+        raise options.FailedError("\n".join(faults))
     return 0 if result.passed else options.FAILED
 
 
@@ -88,11 +91,15 @@ def _virtual(
     scenario: Scenario,
     chosen: Options,
     progress: Callable[[FleetWatch], None],
+    report: Callable[[str], None],
 ) -> FleetResult:
-    from armadico.launch.fleet import FleetRehearsal  # noqa: PLC0415 - not for --help
+    from armadico.cli.record import beside_a_run  # noqa: PLC0415 - not for --help
+    from armadico.launch.fleet import FleetRehearsal  # noqa: PLC0415
 
     rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
-    with nullcontext() if args.record is None else _recorded(rehearsal, scenario, args.record):
+    with beside_a_run(report) as stack:
+        if args.record is not None:
+            stack.enter_context(_recorded(rehearsal, scenario, args.record))
         return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
 
 
@@ -101,6 +108,7 @@ def _live(
     scenario: Scenario,
     chosen: Options,
     progress: Callable[[FleetWatch], None],
+    _: Callable[[str], None],
 ) -> FleetResult:
     from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
     from armadico.launch.fleet import names_of, robots_of  # noqa: PLC0415
@@ -129,6 +137,7 @@ def _attached(
     scenario: Scenario,
     chosen: Options,
     progress: Callable[[FleetWatch], None],
+    _: Callable[[str], None],
 ) -> FleetResult:
     from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
     from armadico.launch.attached_fleet import AttachedFleet  # noqa: PLC0415

@@ -13,7 +13,18 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 
 if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+    from armadico.observe.standing import Hosts
     from armadico.runtime.client import Client, Mission
+
+STARTS_S: Final = 20.0
+"""How long a society that is only starting is waited for."""
+
+PLANS_S: Final = 5.0
+"""What a planner that is there may take to answer."""
+
+AGAIN_S: Final = 0.5
+"""How often the robot is sent again meanwhile."""
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal."""
@@ -34,11 +45,14 @@ def main(argv: Sequence[str]) -> int:
     mission = None
     try:
         with mesh, ExitStack() as stack:
-            client = Client(mesh)
-            heading = math.radians(args.heading)
-            mission = client.goto(args.x, args.y, heading, direct=args.direct)
+            client, reason = Client(mesh), Reason(mesh, options.agents_by_host(args))
+            mission = _sent(client, args)
             show = _shower(stack, mission.length)
-            if not mission.wait(args.timeout, lambda m: show(m.to_go or 0.0, _remark(m, client))):
+
+            def progress(going: Mission) -> None:
+                show(going.to_go or 0.0, _remark(going, client, reason.now()))
+
+            if not mission.wait(args.timeout, progress):
                 late = f"not there after {args.timeout:g} s; the mission goes on"
                 failed = mission.failed
                 raise options.FailedError(late if failed is None else f"it failed, {failed}")
@@ -48,6 +62,68 @@ def main(argv: Sequence[str]) -> int:
         raise
     print("the goal is reached")
     return 0
+
+
+class Reason:
+    """Why the robot stands, as `armadico why --live --standing` explains it."""
+
+    def __init__(self, mesh: ZenohMesh, hosts: Hosts) -> None:
+        from armadico.observe.view import View  # noqa: PLC0415 - not for --help
+        from armadico.observe.watching import Watcher  # noqa: PLC0415
+
+        self._watcher, self._view = Watcher([mesh]), View()
+        self._hosts = hosts
+        self._ask_at = 0.0
+        self._watcher.watch_alive()
+        self._watcher.hear()
+
+    def now(self) -> str:
+        """The cause and what to do; empty while it moves, or stands as it should."""
+        from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
+        from armadico.observe.standing import AS_ASKED, standing  # noqa: PLC0415
+        from armadico.observe.watching import ASK_S, show  # noqa: PLC0415
+
+        if (now := time.monotonic()) >= self._ask_at:
+            self._ask_at = now + ASK_S
+            self._watcher.ask_for_cards()
+            self._watcher.ask_for_bids()
+        while (item := self._watcher.take(0.0)) is not None:
+            show(self._view, item)
+        now = self._watcher.clock() / 1e9
+        cause = standing(self._view, now, providers, self._hosts).cause
+        if cause is None or cause.sort in AS_ASKED:
+            return ""
+        return options.shown(f"{cause.what} -> {cause.todo}" if cause.todo else cause.what)
+
+
+def _sent(client: Client, args: argparse.Namespace) -> Mission:
+    """The mission; a society that is only starting is waited for. Raises SocietyError."""
+    from armadico.core.messages import Pose  # noqa: PLC0415 - not for --help
+    from armadico.runtime.errors import AbsentError, MissionRefusedError  # noqa: PLC0415
+
+    client.listen(Pose)
+    end, said = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
+    while True:
+        try:
+            return client.goto(args.x, args.y, math.radians(args.heading), direct=args.direct)
+        except (AbsentError, MissionRefusedError) as error:
+            if time.monotonic() >= end or not (client.alive and _starts(client, args)):
+                raise
+            if not said:
+                options.say(f"waiting for the society to start: {options.shown(error.args[0])}")
+            said = True
+            client.wait_for(lambda: None, AGAIN_S)
+
+
+def _starts(client: Client, args: argparse.Namespace) -> bool:
+    """Whether a refusal may be due to agents that are still to come: no pose, or no planner."""
+    from armadico.core.messages import PlanRequest, Pose, Waypoint  # noqa: PLC0415
+
+    pose = client.fresh(Pose)
+    if pose is None or args.direct:
+        return pose is None
+    here, goal = Waypoint(pose.x, pose.y, pose.theta), Waypoint(args.x, args.y, 0.0)
+    return client.ask(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -98,19 +174,19 @@ def _left_behind(client: Client) -> str:
     return "the robot drives on; `armadico stop` stops it"
 
 
-def _remark(mission: Mission, client: Client) -> str:
+def _remark(mission: Mission, client: Client, reason: str) -> str:
     from armadico.core.hands import release  # noqa: PLC0415 - not for --help
     from armadico.core.messages import RobotState  # noqa: PLC0415
 
     state, status = client.fresh(RobotState), mission.status
     if state is None:
-        return "nothing heard of the robot"
+        return reason or "nothing heard of the robot"
     if state.stop.stopped:
         by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
         return f"stopped by {by}; {how}"
     if status is not None and status.note:
         return options.shown(status.note)
-    return "stalled" if state.stalled else f"{state.v:.2f} m/s"
+    return reason or ("stalled" if state.stalled else f"{state.v:.2f} m/s")
 
 
 def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:

@@ -78,20 +78,21 @@ def guarded(program: str, command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        return _unheard()  # whoever read us has gone
+        return unheard()  # whoever read us has gone
     except OSError as error:  # no disk, no file descriptors, a name that is too long, ...
         what = ": ".join(map(str, filter(None, (error.filename, error.strerror or error))))
         if error.errno == errno.ENOSPC and error.filename is None:
-            _unheard()
+            unheard()
         return _say(program, OSError(what), FAILED)
     except MemoryError:
         return _say(program, MemoryError("not enough memory for that"), FAILED)
     return code
 
 
-def _unheard() -> int:
-    """What waits to be written is not tried again at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def unheard() -> int:
+    """Send standard output to nowhere, so that exit does not try again; returns FAILED."""
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a descriptor is all that is needed
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
     return FAILED
 
 
@@ -254,6 +255,18 @@ def placed(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
     from armadico.cli.places import place  # noqa: PLC0415 - not for --help
 
     return place(args, passing=passing)
+
+
+def agents_by_host(args: argparse.Namespace) -> dict[str, tuple[str, ...]]:
+    """The agents that each host of the table runs; none without a table. Raises ConfigError."""
+    if args.host is None and args.hosts is None and HOSTS_VARIABLE not in os.environ:
+        return {}
+    from armadico.cli.places import wanted  # noqa: PLC0415 - not for --help
+    from armadico.config.hosts import load_hosts  # noqa: PLC0415
+
+    named = wanted(args)
+    table = {} if named is None else load_hosts(named).hosts
+    return {name: host.agents for name, host in table.items()}
 
 
 def join_at(

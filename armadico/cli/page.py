@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from armadico.observe.page.asked import Shipped
     from armadico.observe.page.guard import Guard
     from armadico.observe.page.session import Session, Spawns
+    from armadico.observe.standing import Hosts
 
 PORT: Final = 8090
 """Where the page is by default."""
@@ -53,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
         for mesh in meshes:
             stack.enter_context(mesh)
         helpers = stack.enter_context(Helpers(args))
-        session = made(meshes, world, helpers.start)
+        session = made(meshes, world, helpers.start, options.agents_by_host(args))
         try:
             server = stack.enter_context(Server(session, guard, args.bind, args.port))
         except ServerError as error:
@@ -68,7 +69,7 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
+def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Hosts) -> Session:
     """A session for robots whose meshes have been opened; `start` starts who takes the stick."""
     from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
@@ -78,7 +79,8 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
     known = missions()
     helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(m.namespace, world, known, _bits64, helpers, providers) for m in meshes
+        m.namespace: Robot(m.namespace, world, known, _bits64, helpers, providers, hosts)
+        for m in meshes
     }
     return Session(robots, meshes, start)
 

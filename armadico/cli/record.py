@@ -97,6 +97,20 @@ def recorder(
     _say(said)
 
 
+@contextmanager
+def beside_a_run(report: Callable[[str], None]) -> Iterator[ExitStack]:
+    """What is entered in it is recorded; a file that is not whole is reported, and not raised.
+
+    So a full disk costs the recording, and not the measures of the run.
+    """
+    with ExitStack() as stack:
+        yield stack
+        try:
+            stack.close()
+        except OSError as error:
+            report(": ".join(map(str, filter(None, (error.filename, error.strerror or error)))))
+
+
 def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str) -> Recorded:
     """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
     options.need("mcap", "record")

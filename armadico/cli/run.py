@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.measures import Result, RunWatch
     from armadico.runtime.client import Client
+
+    _Driven = tuple[Result, Sequence[str]]
+    """What a run came to, and what of it could not be kept."""
 
 RUNS_FOR_A_WORKER: Final = 4
 """A worker takes as long to start as two or three runs, so for fewer none is started."""
@@ -112,11 +115,14 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
-    results = _series(args, scenario, chosen, seeds)
+    driven = _series(args, scenario, chosen, seeds)
+    results = [result for result, _ in driven]
     if args.json:
         _print_json(results, several=args.runs is not None)
     else:
         show(scenario.name, results)
+    if faults := [fault for _, each in driven for fault in each]:
+        raise FailedError("\n".join(faults))
     asked = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
     drawn = all(path is None or path.is_file() for path in asked)
     return 0 if drawn and all(result.passed for result in results) else options.FAILED
@@ -159,13 +165,13 @@ def _seeds(args: argparse.Namespace, scenario: Scenario) -> range:
 
 def _series(
     args: argparse.Namespace, scenario: Scenario, chosen: Options, seeds: range
-) -> list[Result]:
+) -> list[_Driven]:
     """Every run's result, in the order of the seeds; virtual ones are driven on all cores."""
     drive = partial(_drive, args, scenario, chosen)
 
-    def told(seed: int, result: Result) -> None:
+    def told(seed: int, driven: _Driven) -> None:
         if args.runs is not None:
-            options.say(f"{scenario.name} seed {seed}: {result.verdict}")
+            options.say(f"{scenario.name} seed {seed}: {driven[0].verdict}")
 
     if not args.virtual or args.runs is None:
         results = []
@@ -179,12 +185,12 @@ def _series(
     return over(drive, seeds, jobs, scenario.name, told)
 
 
-def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: int) -> Result:
+def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: int) -> _Driven:
     """One run and its picture, in this process or in a worker's."""
     from armadico.launch.api import Run  # noqa: PLC0415 - not for --help
 
-    drive = _virtual if args.virtual else _live
-    watch = drive(args, scenario, replace(chosen, seed=seed))
+    drive, faults = _virtual if args.virtual else _live, list[str]()
+    watch = drive(args, scenario, replace(chosen, seed=seed), faults.append)
     run = Run.of(scenario, watch)
     if watch.explored is not None:
         options.say(progress.explored(watch.explored))
@@ -194,10 +200,12 @@ def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: 
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)
-    return run.measures
+    return run.measures, faults
 
 
-def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunWatch:
+def _virtual(
+    args: argparse.Namespace, scenario: Scenario, chosen: Options, report: Callable[[str], None]
+) -> RunWatch:
     from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = Rehearsal(scenario, chosen)
@@ -205,7 +213,7 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     told = options.say if first else None  # of a series once: every seed would say the same
     quiet = args.runs is not None or not sys.stderr.isatty()  # over in a second, or it has a bar
     bar = nullcontext() if quiet else progress.shown(_label(scenario, chosen))
-    with _recording(args, scenario, rehearsal), bar as show:
+    with _recording(args, scenario, rehearsal, report), bar as show:
         try:
             rehearsal.run(show, told)
         except KeyboardInterrupt:
@@ -215,7 +223,9 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     return rehearsal.watch
 
 
-def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunWatch:
+def _live(
+    args: argparse.Namespace, scenario: Scenario, chosen: Options, _: Callable[[str], None]
+) -> RunWatch:
     mesh = options.join(args)
     options.end_as_by_ctrl_c()
     try:
@@ -299,10 +309,15 @@ def _recorder(
 
 @contextmanager
 def _recording(
-    args: argparse.Namespace, scenario: Scenario, rehearsal: Rehearsal
+    args: argparse.Namespace,
+    scenario: Scenario,
+    rehearsal: Rehearsal,
+    report: Callable[[str], None],
 ) -> Iterator[None]:
     """A virtual run is kept in files, if they are asked for. Raises FailedError."""
-    with ExitStack() as stack:
+    from armadico.cli.record import beside_a_run  # noqa: PLC0415 - not for --help
+
+    with beside_a_run(report) as stack:
         if args.rrd is not None:
             from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import psutil
     from rich.console import Group
 
+    from armadico.observe.standing import Hosts
     from armadico.observe.view import Seen, View
     from armadico.observe.watching import Watcher
 
@@ -44,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
         watcher = Watcher([mesh])
         watcher.watch_alive()
         watcher.hear()
-        snapshots = Snapshots(View(), args.namespace)
+        snapshots = Snapshots(View(), args.namespace, options.agents_by_host(args))
         if sys.stdout.isatty() and not (args.once or args.json):
             return _live(snapshots, watcher)
         _measure(snapshots, watcher, args.for_s)
@@ -88,8 +89,8 @@ def parser() -> argparse.ArgumentParser:
 class Snapshots:
     """What is shown of a view, for programs and for `tables`."""
 
-    def __init__(self, view: View, namespace: str) -> None:
-        self.view = view
+    def __init__(self, view: View, namespace: str, hosts: Hosts | None = None) -> None:
+        self.view, self._hosts = view, hosts or {}
         self._namespace = namespace
         self._processes: dict[int, psutil.Process] = {}
 
@@ -157,7 +158,9 @@ class Snapshots:
 
         if self.view.state is None:
             return None
-        found: dict[str, Any] = msgspec.to_builtins(standing(self.view, now, providers))
+        found: dict[str, Any] = msgspec.to_builtins(
+            standing(self.view, now, providers, self._hosts)
+        )
         return found
 
     def _resource(self, name: str, now: float) -> dict[str, Any]:

@@ -343,7 +343,10 @@ def _taken(namespace: str, host: str, share: object) -> str:
 
 def _ready(host: str, names: str) -> Callable[[float], None]:
     def ready(took: float) -> None:
-        print(f"{host} is up after {took:.1f} s: {names}", flush=True)
+        try:
+            print(f"{host} is up after {took:.1f} s: {names}", flush=True)
+        except OSError:  # the society does not end because its launcher cannot report
+            options.unheard()
         _notify("READY=1")
 
     return ready

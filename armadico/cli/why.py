@@ -128,14 +128,14 @@ def _check(args: argparse.Namespace) -> None:
 
 def _live(args: argparse.Namespace) -> Told:
     args.namespace = args.namespace or default_namespace()
-    mesh = options.join(args)
+    mesh, hosts = options.join(args), options.agents_by_host(args)
     from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher, listen  # noqa: PLC0415 - not for --help
     from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415 - not for --help
 
     with mesh:
         watcher = Watcher([mesh])
-        chronicle = Chronicle(installed=providers, begun=watcher.clock() / 1e9)
+        chronicle = Chronicle(installed=providers, hosts=hosts, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
         watcher.hear()
         listen(watcher, chronicle, args.for_s)
@@ -143,7 +143,7 @@ def _live(args: argparse.Namespace) -> Told:
         if not chronicle.view.alive:
             raise AbsentError("no agent is alive", args.namespace)
         if args.standing:
-            return _standing(standing(chronicle.view, now, providers))
+            return _standing(standing(chronicle.view, now, providers, hosts))
         if args.stop is not None:
             return _one("stop", args.stop, chronicle.presses)
         chronicle.mark(now)
@@ -191,13 +191,12 @@ def _gone_through(past: Past, instances: set[str]) -> Bids:
     from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
 
     found: Bids = {}
-    for journal in past.journals():
-        if journal.instance in instances:
-            replay = Replay(journal)
-            bids = [bid for moment in replay.moments() for bid in moment.bids]
-            if replay.outcome().equal:
-                for bid in bids:
-                    found.setdefault((journal.instance, bid.resource), []).append(bid)
+    for journal in past.journals(instances):
+        replay = Replay(journal)
+        bids = [bid for moment in replay.moments() for bid in moment.bids]
+        if replay.outcome().equal:
+            for bid in bids:
+                found.setdefault((journal.instance, bid.resource), []).append(bid)
     return found
 
 

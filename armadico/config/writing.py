@@ -17,15 +17,28 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     try:
         for path, data in files.items():
             new[path].write_bytes(data)
+            _sync(new[path])
             if path.exists():
                 copymode(path, new[path])
         for path, at in new.items():
             at.replace(path.resolve())
+        for folder in {path.resolve().parent for path in new}:
+            with suppress(OSError):  # some file systems cannot, and all is written
+                _sync(folder)
     except OSError:
         for at in new.values():
             with suppress(OSError):
                 at.unlink()
         raise
+
+
+def _sync(path: Path) -> None:
+    """Have the disk keep a file, or what was renamed in a folder. Raises OSError."""
+    opened = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
 
 
 def written_first(path: Path) -> Path:

@@ -14,11 +14,16 @@ has to connect must be among these, which is a matter of luck; so it is done aga
 
 from __future__ import annotations
 
+import logging
 import random
 import socket
 from collections.abc import Collection, Sequence
 from threading import Event, Lock, Timer
 from typing import Final, Protocol
+
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+
+logger = logging.getLogger("armadico.mesh")
 
 LOOK_S: Final = (2.0, 4.0)
 """How long after a loss to look whether something is left to do: what Zenoh does itself it has done
@@ -33,6 +38,9 @@ INTRODUCTIONS: Final = 5
 
 MEET_S: Final = 0.3
 """How long an introduction lasts, unless both have met before; 0.02 s are usual."""
+
+ALONE_S: Final = 4.0
+"""A process that has no well-known endpoint and no link after this has nobody to find there."""
 
 PROBE_S: Final = 0.5
 """How long somebody may take to accept a connection."""
@@ -83,6 +91,14 @@ class Repair:
         self._timer: Timer | None = None
         self._over = Event()
         self._stands_in: Beside | None = None
+        self._first: Timer | None = None
+
+    def begin(self) -> None:
+        """See, after a while, that somebody is there if no well-known endpoint was free."""
+        if self._vacant:
+            self._first = Timer(ALONE_S, self._look_alone)
+            self._first.daemon = True
+            self._first.start()
 
     def lost(self, peer: str, endpoint: str) -> None:
         """A link is gone, to `peer` at `endpoint`. On any thread; returns at once."""
@@ -93,6 +109,8 @@ class Repair:
     def close(self) -> None:
         """Give back what was taken, before the mesh's own session is closed."""
         self._over.set()
+        if self._first is not None:
+            self._first.cancel()
         with self._lock:
             if self._stands_in is not None:
                 self._stands_in.close()
@@ -103,6 +121,19 @@ class Repair:
             self._timer = Timer(wait_s, self._look)
             self._timer.daemon = True
             self._timer.start()
+
+    def _look_alone(self) -> None:
+        """Report that other programs have all well-known endpoints."""
+        if self._over.is_set() or self._sessions.met():
+            return
+        self._look()
+        if self._stands_in is None:
+            logger.warning(
+                "no process of a society answers at %s: another program has these ports;"
+                " end it, or set %s to others for all processes of this robot",
+                ", ".join(endpoint for endpoints in self._vacant for endpoint in endpoints),
+                ENDPOINTS_VARIABLE,
+            )
 
     def _look(self) -> None:
         self._timer = None  # what is lost from here on has another look

@@ -7,6 +7,7 @@ the queue reads them with `ZenohMesh.read`, so a value that is overtaken there i
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import os
@@ -125,6 +126,7 @@ class ZenohMesh(Reader, Monotonic):
             self._attach()
         else:
             self._listen()
+        atexit.register(self._end)
         links = _direct(self._linked)
         self._keep(self._open.info.declare_link_events_listener(links, history=True))
 
@@ -140,6 +142,7 @@ class ZenohMesh(Reader, Monotonic):
             else:
                 vacant = well_known if endpoints is last else ()
                 self._repair = Repair(self, self._where.connect, vacant)
+                self._repair.begin()
                 return
         raise MeshError("cannot listen on " + "; ".join(failures))
 
@@ -161,18 +164,30 @@ class ZenohMesh(Reader, Monotonic):
 
     def close(self, deadline: float = CLOSE_S) -> bool:
         """Leave; False if that took longer than `deadline` (s), and goes on by itself."""
-        session, self._session = self._session, None
+        session = self._taken()
         if session is None:
             return True
-        for token in self._tokens.values():
-            token.undeclare()  # type: ignore[no-untyped-call]
-        self._tokens.clear()
         # Closing may block for long, and there is no time-out to give it. The end of a program
         # waits for it: a thread that comes back to an interpreter that has ended aborts it.
         closing = threading.Thread(target=self._leave, args=(session,), name="closing")
         closing.start()
         closing.join(deadline)
         return not closing.is_alive()
+
+    def _taken(self) -> zenoh.Session | None:
+        """The session to be closed, without its tokens; none if it has been closed."""
+        session, self._session = self._session, None
+        for token in self._tokens.values():
+            token.undeclare()  # type: ignore[no-untyped-call]
+        self._tokens.clear()
+        atexit.unregister(self._end)
+        return session
+
+    def _end(self) -> None:
+        """Close what a program has left open: Zenoh's threads would never let its process end."""
+        session = self._taken()
+        if session is not None:
+            self._leave(session)
 
     def met(self) -> set[str]:
         """The ids of the peers that it has a link with; of none when it has left."""

@@ -1,18 +1,18 @@
 """Recordings read back: every message in order, and the agents' journals.
 
 The one reader: whoever turns a recording into something else, explains it or goes through it again
-begins here. A file that was cut short, by a kill or a full disk, is read as far as it goes.
+begins here. A file that was cut short, by a kill or a full disk, is read as far as it goes; of a
+damaged one all whole chunks are read.
 """
 
 from __future__ import annotations
 
 import json
-import mmap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct
 
@@ -72,60 +72,99 @@ class Row:
 
 
 def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterator[Row]:
-    """The messages of a file in the order they were received; `warn` is told if it is cut short.
+    """The messages of a file in the order they were received.
 
-    `about` is filled with what the file says of itself, before the first of them.
+    What is damaged is skipped, up to the next whole chunk, and `warn` is told what is missing, in s
+    from the first message. Memory is needed for one chunk at a time. `about` is filled with what
+    the file says of itself, before the first message.
 
     Raises RecordingError if the file is no recording, and OSError.
     """
-    from mcap.exceptions import InvalidMagic  # noqa: PLC0415 - an extra
-
-    read = 0
-    with path.open("rb") as stream:
-        if path.stat().st_size == 0:
-            raise RecordingError(f"{path} is empty")
-        # Mapped, a length that is damaged asks for no more memory than there is file.
-        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            try:
-                for row in _decoded(data, {} if about is None else about):
-                    read += 1
-                    yield row
-            except InvalidMagic:
-                if read == 0:
-                    raise RecordingError(f"{path} is no MCAP file") from None
-                warn(f"{path} was cut short: {read} messages could be read")
-            except Exception:  # whatever the decoders make of damaged bytes
-                warn(f"{path} was cut short: {read} messages could be read")
-
-
-def _decoded(data: mmap.mmap, about: dict[str, str]) -> Iterator[Row]:
     from mcap.records import (  # noqa: PLC0415 - an extra
         Channel,
+        Footer,
         Message,
         Metadata,
         Schema,
         Statistics,
     )
-    from mcap.stream_reader import StreamReader  # noqa: PLC0415 - an extra
 
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    read = 0
-    for record in StreamReader(cast("IO[bytes]", data), validate_crcs=True).records:
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Metadata) and record.name == PROFILE:
-            about.update(record.metadata)
-        elif isinstance(record, Statistics) and record.message_count != read:
-            raise RecordingError("a chunk is missing")
-        elif isinstance(record, Message):
-            read += 1
-            channel = channels[record.channel_id]
-            schema = schemas.get(channel.schema_id)
-            if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # no translator's
-                yield _row(channel, schema, record.log_time, record.data)
+    from armadico.observe.salvage import MAGIC, described, records  # noqa: PLC0415 - needs it
+
+    damage, schemas, channels = _Damage(path, warn), dict[int, Schema](), dict[int, Channel]()
+    with path.open("rb") as stream:
+        if (start := stream.read(len(MAGIC))) != MAGIC:
+            what = "was cut short in its first bytes" if start else "is empty"
+            raise RecordingError(f"{path} {what if MAGIC.startswith(start) else 'is no MCAP file'}")
+        for record in records(stream):
+            kept = [] if record is None else [record]
+            lacks = isinstance(record, Message) and record.channel_id not in channels
+            if record is None or (lacks and not damage.found):
+                damage.skipped()
+                with path.open("rb") as again:
+                    kept = described(again)  # what was skipped may be there, too
+            for one in kept:
+                if isinstance(one, Schema):
+                    schemas[one.id] = one
+                elif isinstance(one, Channel):
+                    channels[one.id] = one
+                elif isinstance(one, Metadata) and one.name == PROFILE and about is not None:
+                    about.update(one.metadata)
+            if isinstance(record, Message) and record.channel_id in channels:
+                damage.read(record.log_time)
+                channel = channels[record.channel_id]
+                schema = schemas.get(channel.schema_id)
+                if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # no translator's
+                    yield _row(channel, schema, record.log_time, record.data)
+            elif isinstance(record, Statistics):
+                damage.counted(record.message_count)
+            elif isinstance(record, Footer):
+                damage.whole = True
+    damage.finish()
+
+
+class _Damage:
+    """Reports what is missing in a file."""
+
+    def __init__(self, path: Path, warn: Warn) -> None:
+        self.whole = False  # whether its end was read
+        self.found = False  # whether something was skipped
+        self._path, self._warn = path, warn
+        self._messages = self._first = self._last = 0  # times in ns since 1970
+        self._gap = False
+        self._missing: int | None = None
+
+    def read(self, t: int) -> None:
+        """A message was read."""
+        self._first = self._first if self._messages else t
+        if self._gap:
+            self._gap = False
+            between = f"between {self._seconds(self._last)} and {self._seconds(t)}"
+            where = f": messages {between} are missing" if self._messages else " at its beginning"
+            self._warn(f"{self._path} is damaged{where}")
+        self._messages, self._last = self._messages + 1, t
+
+    def skipped(self) -> None:
+        """Damaged bytes were skipped."""
+        self._gap = self.found = True
+
+    def counted(self, messages: int) -> None:
+        """The file says how many messages it holds."""
+        self._missing = messages - self._messages
+
+    def finish(self) -> None:
+        """The end of what can be read has come."""
+        read = f"{self._messages} messages could be read"
+        until = f", up to {self._seconds(self._last)}" if self._messages else ""
+        if not self.whole:
+            self._warn(f"{self._path} was cut short: {read}{until}")
+        elif self._missing:
+            self._warn(f"{self._path} is damaged: {read}, {self._missing} could not")
+        elif self._gap or self._missing is None:
+            self._warn(f"{self._path} is damaged near its end: {read}{until}")
+
+    def _seconds(self, t: int) -> str:
+        return f"{(t - self._first) / 1e9:.1f} s"
 
 
 def _row(channel: Channel, schema: Schema | None, t: int, data: bytes) -> Row:
@@ -169,12 +208,18 @@ class Past:
 
     def check(self) -> None:
         """Raises RecordingError if those who are in it spoke otherwise than this program."""
-        spoken = self.about.get("protocol", "")
-        if spoken != str(PROTOCOL):
+        spoken = self.about.get("protocol")
+        if spoken is None:
             raise RecordingError(
-                f"{self.path} was recorded with protocol {spoken or 'unknown'}; this program"
-                f" speaks {PROTOCOL}: `pip install` the version that recorded it,"
-                f" {self.about.get('version', 'whichever that was')}"
+                f"{self.path} does not say which protocol was spoken: another program wrote it, or"
+                " its beginning is missing; `armadico record` and `armadico run --record` write"
+                " recordings"
+            )
+        if spoken != str(PROTOCOL):
+            version = self.about.get("version", "")
+            raise RecordingError(
+                f"{self.path} was recorded with protocol {spoken}; this program speaks {PROTOCOL}:"
+                f" `pip install` the version that recorded it{', ' * bool(version)}{version}"
             )
 
     def rows(self) -> Iterator[Row]:
@@ -187,16 +232,17 @@ class Past:
         self.damage.append(text)
         self._warn(text)
 
-    def journals(self) -> list[Journal]:
-        """The journals of all agents that were there, as far as the recording has them.
+    def journals(self, instances: Collection[str] | None = None) -> list[Journal]:
+        """The journals of these agents, or of all that were there, as far as they were recorded.
 
         Of who was there and kept none the journal is empty, and its fault says so.
         """
         pieces, there = Pieces(), set()
         for row in self.rows():
             if row.key.startswith(JOURNAL) and not row.schema:
-                pieces.take(row.namespace, row.data, row.t)
-            elif row.schema == HERE:
+                if instances is None or row.key.removeprefix(JOURNAL) in instances:
+                    pieces.take(row.namespace, row.data, row.t)
+            elif row.schema == HERE and (instances is None or row.fields["instance"] in instances):
                 there.add((row.namespace, row.fields["instance"]))
         found = pieces.journals()
         kept = {(journal.namespace, journal.instance) for journal in found}

@@ -10,8 +10,9 @@ until somebody is found who has all and publishes nothing, or is not there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Final
 
 from msgspec import Struct
@@ -130,12 +131,21 @@ Installed = Callable[[str], Iterable[str]]
 """The names of installed agents that provide what is published on a key."""
 
 
-def standing(view: View, now: float, installed: Installed = lambda _: ()) -> Standing:
+Hosts = Mapping[str, Sequence[str]]
+"""The agents that each host of a host table runs."""
+
+NO_TABLE: Final[Hosts] = MappingProxyType({})
+
+
+def standing(
+    view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
+) -> Standing:
     """Why the robot of a view stands; `now` is by the clock of whoever showed it things, s.
 
-    Who watches since lately knows nobody who was gone before: `installed` names who it may be.
+    A watcher that has just begun does not know the agents that were gone before: `installed` names
+    those that it may be, and `hosts` where they are to run.
     """
-    chain = _Chain(view, now, installed)
+    chain = _Chain(view, now, installed, hosts)
     cause = chain.begin()
     if cause is not None:
         chain.close(cause)
@@ -145,9 +155,10 @@ def standing(view: View, now: float, installed: Installed = lambda _: ()) -> Sta
 class _Chain:
     """One chain of reasons, as it is followed."""
 
-    def __init__(self, view: View, now: float, installed: Installed) -> None:
+    def __init__(self, view: View, now: float, installed: Installed, hosts: Hosts) -> None:
         self.view = view
         self._installed = installed
+        self._table = hosts
         self.now = now
         self._said: dict[str, list[str]] = {}
         self._ends: dict[Cause, str] = {}  # and what was said of it
@@ -196,7 +207,7 @@ class _Chain:
         view = self.view
         if view.gone and not view.alive:
             what = "No agent is alive any more."
-            return self.end(Sort.ABSENT, "", what, "`armadico up` starts a whole society")
+            return self.end(Sort.ABSENT, "", what, self._start_all())
         last = max((rate.last or 0.0 for rate in view.rates.values()), default=self.now)
         owners = [i for i, card in view.cards.items() if WHEELS.name in card.owns]
         if self.now - last <= DEAF_S or any(owner in view.gone for owner in owners[-1:]):
@@ -311,7 +322,10 @@ class _Chain:
         if gone := self._lost_contenders():
             return self.absent(gone)
         what = f"No agent that competes for {WHEELS.name} is alive."
-        return self.end(Sort.ABSENT, WHEELS.name, what, "`armadico up` starts a whole society")
+        if away := self._away(None):
+            self.say(what)
+            return away
+        return self.end(Sort.ABSENT, WHEELS.name, what, self._start_all())
 
     def _lost_contenders(self) -> list[str]:
         """Instances that competed for the wheels and are gone, with no successor."""
@@ -496,10 +510,29 @@ class _Chain:
         able = tuple(self._installed(key))
         named = [n for n in able if n in missing] or [n for n in able if n not in self.view.names]
         what = f"No agent that provides {key} is alive."
+        if away := self._away(able):
+            self.say(what)
+            return away
         if not named:
             return self.end(Sort.ABSENT, key, what, f"start one that provides {key}")
         what = f"No agent that provides {key} is alive: {' or '.join(named)} would."
         return self.end(Sort.ABSENT, named[0], what, f"`armadico-agent {named[0]}` starts it")
+
+    def _away(self, able: Sequence[str] | None) -> Cause | None:
+        """A host of the table that runs one of these agents, or any, and has none alive."""
+        there = {self.host(instance) for instance in self.view.alive}
+        for host, agents in self._table.items():
+            wanted = [name for name in agents if able is None or name in able]
+            if wanted and host not in there and not self.view.names & set(wanted):
+                what = f"{host} is to run {', '.join(wanted)}, and no agent of {host} is alive."
+                return self.end(Sort.HOST, host, what, f"{_reachable(host)} {_starts(host)}")
+        return None
+
+    def _start_all(self) -> str:
+        """What to do where no agent is left."""
+        if not self._table:
+            return "`armadico up` starts a whole society"
+        return "; ".join(_starts(host) for host, agents in self._table.items() if agents)
 
     def _provided(self, instance: str, key: str) -> bool:
         card = self.view.cards.get(instance)
@@ -515,7 +548,9 @@ class _Chain:
         away = sorted({agent_of(i) for i in self.view.gone if host and self.host(i) == host})
         if host and not there and len(away) > 1 and self._hosts() > 1:
             what = f"All of {host} is gone, for {ago:.1f} s: {', '.join(away)}."
-            return self.end(Sort.HOST, host, what, f"is {host} switched on, and its network up?")
+            todo = _reachable(host)
+            todo += f" {_starts(host)}" if host in self._table else ""
+            return self.end(Sort.HOST, host, what, todo)
         names = ", ".join(sorted({agent_of(i) for i in gone}))
         at = f" (host {host})" if host else ""
         what = f"{names}{at} is not alive; it was until {ago:.1f} s ago."
@@ -573,7 +608,7 @@ class _Chain:
         return "" if card is None else card.host
 
     def _hosts(self) -> int:
-        return len({card.host for card in self.view.cards.values()})
+        return len({*self._table, *(card.host for card in self.view.cards.values())})
 
     def _last(self, key: str) -> float:
         rate = self.view.rates.get(key)
@@ -606,6 +641,14 @@ class _Chain:
 
 
 _ORDER: Final = tuple(Sort)
+
+
+def _reachable(host: str) -> str:
+    return f"is {host} switched on, and its network up?"
+
+
+def _starts(host: str) -> str:
+    return f"`armadico up --host {host}`, on {host} and with its host table, starts its share"
 
 
 def _within(cycle: Cycle, newest: Cycle, cycles: int) -> bool:

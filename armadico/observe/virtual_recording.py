@@ -5,6 +5,8 @@ The agents' journals go past the mesh, so that a run is the same whether it is r
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -30,6 +32,7 @@ class Recorded:
     ) -> None:
         """Begin a file that is not there yet, of these robots, with a map. Raises OSError."""
         self._mesh, self._namespaces = mesh, namespaces
+        self._failure: OSError | None = None
         about = {"namespaces": " ".join(namespaces), "seed": str(mesh.seed)}
         made = translators(namespaces, dict.fromkeys(namespaces, world))
         self.recording = Recording(path, about, translators=made)
@@ -43,26 +46,45 @@ class Recorded:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._keep_journals()
-        self.recording.close()
+        """Close the file. Raises OSError if not all of the run could be written."""
+        with self._failing():
+            self._keep_journals()
+        with self._failing():
+            self.recording.close()
+        if (failure := self._failure) is not None:
+            what = f"is not whole: {failure.strerror or failure}"
+            raise OSError(failure.errno, what, str(self.recording.path)) from failure
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Keep an OSError until the run is over, which goes on without being recorded."""
+        try:
+            yield
+        except OSError as error:
+            self._failure = self._failure or error
 
     def _ask(self) -> None:
         """Who is there, with cards and bids, once a second, without being heard."""
         now = self._mesh.now
+        self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
+        with self._failing():
+            self._keep_all(now)
+
+    def _keep_all(self, now: float) -> None:
         for node in self._mesh.nodes:
             where = node.namespace
             if where not in self._namespaces:
                 continue
             agent = node.agent
             here = Presence(where, agent.name, agent.instance, node.alive, _ns(now))
-            self.recording.take(here)
+            self._take(here)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
                 self._keep(where, CARD.key_for(**names), agent.card(), now, asked=True)
                 self._keep(where, BIDS.key_for(**names), agent.history(), now, asked=True)
         self._keep_journals()
-        self.recording.flush()
-        self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
+        if self._failure is None:
+            self.recording.flush()
 
     def _keep_journals(self) -> None:
         for node in self._mesh.nodes:
@@ -74,7 +96,12 @@ class Recorded:
         self, namespace: str, key: str, message: Message, now: float, *, asked: bool = False
     ) -> None:
         data = encode(message)
-        self.recording.take(Heard(namespace, key, data, _ns(now), asked))
+        self._take(Heard(namespace, key, data, _ns(now), asked))
+
+    def _take(self, item: Heard | Presence) -> None:
+        if self._failure is None:
+            with self._failing():
+                self.recording.take(item)
 
 
 def _ns(now: float) -> int:

@@ -53,7 +53,7 @@ from armadico.observe.explained import (
     contest_told,
     outbid,
 )
-from armadico.observe.standing import Cause, Installed, Sort, standing
+from armadico.observe.standing import NO_TABLE, Cause, Hosts, Installed, Sort, standing
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 T = TypeVar("T")
@@ -128,6 +128,7 @@ class Chronicle:
         recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None,
         *,
         installed: Installed = lambda _: (),
+        hosts: Hosts = NO_TABLE,
         begun: float = 0.0,
     ) -> None:
         """Nothing was heard yet.
@@ -136,9 +137,10 @@ class Chronicle:
             recomputed: Bids that nobody was asked for in time, by instance and resource, oldest
                 first, if journals were gone through again for them.
             installed: As `standing` takes it.
+            hosts: As `standing` takes it.
             begun: When it is shown the first, s: what is told of times counts from then.
         """
-        self.installed, self._begun = installed, begun
+        self.installed, self.hosts, self._begun = installed, hosts, begun
         self.view = View()
         self.now = 0.0
         self._recomputed = recomputed or {}
@@ -320,7 +322,7 @@ class Chronicle:
 
     def _snapshot(self) -> _Snapshot:
         view, now = self.view, self.now
-        found = standing(view, now, self.installed)
+        found = standing(view, now, self.installed, self.hosts)
         names = [WHEELS.name, *(name for name in view.claimed if name != WHEELS.name)]
         contenders = {
             name: [

@@ -498,8 +498,9 @@ def serve(
     logging.shutdown()
     for listener in _listeners:
         listener.stop()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # a full disk
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(code)  # Zenoh's threads are not waited for
 
 

@@ -602,6 +602,16 @@ def test_without_a_planner_it_goes_on_by_the_way_there_is(planned: Desk) -> None
     assert planned.status().note == ""
 
 
+def test_a_step_of_its_clock_fails_no_mission(planned: Desk) -> None:
+    stay(planned, 2.0)
+    planned.agent.now += 3600.0  # or it was hung for so long
+    stay(planned, 2.0)
+    assert planned.status().state is MissionState.DRIVING
+    assert planned.asked == planned.asked[:1], "nothing is in the way"
+    stay(planned, SOME.nearer_s)
+    assert len(planned.asked) == 2, "what counts goes on counting"
+
+
 def test_without_a_planner_too_a_mission_fails_that_comes_no_nearer(planned: Desk) -> None:
     blocked(planned)
     planned.planned(None)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from armadico import cli
-from armadico.cli import goto, options
+from armadico.cli import goto, options, up
 from armadico.core.messages import Cycle, RobotState, Stop
 from tests.programs import BIN, SOON, Done, call
 
@@ -122,11 +122,16 @@ def test_so_is_one_that_nothing_can_draw(
     assert "matplotlib is missing" in capsys.readouterr().err
 
 
-def test_a_recording_of_a_virtual_run_that_does_not_fit_ends_the_run(tmp_path: Path) -> None:
-    done = on_a_small_disk("run", "sc1", "--virtual", "--rrd", "run.rrd", cwd=tmp_path)
+@pytest.mark.parametrize(("option", "file"), [("--record", "run.mcap"), ("--rrd", "run.rrd")])
+def test_a_recording_that_does_not_fit_costs_no_measures(
+    tmp_path: Path, option: str, file: str
+) -> None:
+    words = ["run", "sc1", "--virtual", "--sensors=ideal", "--json", option, file]
+    done = on_a_small_disk(*words, cwd=tmp_path)
     assert done.returncode == options.FAILED
-    assert "run.rrd: is not whole" in done.stderr
+    assert f"armadico: {file}: is not whole" in done.stderr
     assert "Traceback" not in done.stderr
+    assert '"reached": true' in done.stdout
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
@@ -155,6 +160,30 @@ def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> N
         )
     assert done.returncode == options.FAILED
     assert done.stderr == "armadico: No space left on device\n"
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
+def test_a_run_goes_on_when_what_it_reports_cannot_be_written() -> None:
+    with FULL.open("w") as full:
+        done = subprocess.run(
+            [BIN / "armadico", "run", "sc1", "--virtual", "--sensors=ideal", "--runs=1", "--json"],
+            stdout=subprocess.PIPE,
+            stderr=full,
+            text=True,
+            timeout=SOON,
+            check=False,
+        )
+    assert done.returncode == 0
+    assert '"reached": true' in done.stdout
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
+def test_a_society_stays_up_when_that_it_is_up_cannot_be_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with FULL.open("w") as full:
+        monkeypatch.setattr("sys.stdout", full)
+        up._ready("lab1", "robot, goto")(1.0)
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])

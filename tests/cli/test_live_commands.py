@@ -390,3 +390,25 @@ def test_a_terminal_that_is_killed_leaves_a_robot_that_stands(
             process.kill()
             os.close(keyboard)
             os.close(terminal)
+
+
+def test_a_goal_given_too_early_waits_and_a_robot_that_stands_is_explained(
+    robot: None, start: Start, environment: dict[str, str]
+) -> None:
+    start("interface", program="armadico-agent")
+    with subprocess.Popen(
+        [BIN / "armadico", "goto", "1", "0", "0", "--direct", "--timeout", "30"],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as sent:
+        assert sent.stdout is not None
+        assert sent.stderr is not None
+        try:
+            assert "waiting for the society to start: nobody knows where" in sent.stderr.readline()
+            start("encoder", program="armadico-agent")
+            said = next((line for line in sent.stdout if "->" in line), "")
+            assert "m to go, No agent that competes for wheels is alive." in said
+        finally:
+            sent.kill()

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from armadico.cli import main, options
+from armadico.cli import down, main, options
 from armadico.cli.agent import main as armadico_agent
 from armadico.cli.options import HOSTS_VARIABLE
 from armadico.config.errors import ConfigError
+from armadico.launch.pidfile import PidFile, Share
 
 TABLE = """\
 [robot]
@@ -196,3 +198,19 @@ def test_a_wrong_use_of_up_is_told_before_anybody_is_started(
     assert says in said.err
     assert "starting" not in said.err
     assert not said.out
+
+
+def test_the_shares_of_one_table_are_ended(
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    ended: list[str] = []
+    monkeypatch.setattr(down, "_end", lambda share: ended.append(share.host))
+    with ExitStack() as stack:
+        for host in ("lab1", "elsewhere"):
+            file = stack.enter_context(PidFile("places", host))
+            file.write(Share(1, host, "places", ("goto",), ""))
+        assert main(["down", "--namespace", "places", "--hosts", str(table)]) == 0
+    assert ended == ["lab1"]
+    assert main(["down", "--namespace", "places", "--hosts", str(table), "--host", "lab9"]) == 2
+    assert "no host 'lab9'" in capsys.readouterr().err

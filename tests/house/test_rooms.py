@@ -56,7 +56,8 @@ def test_a_room_imports_only_those_below_it() -> None:
 
 @pytest.mark.parametrize("door", DOORS)
 def test_a_door_leads_to_its_rooms(door: str) -> None:
-    assert {room(name) for name in imports(door) & modules().keys()} == DOORS[door]
+    led_to = {room(name) for name in imports(door) & modules().keys() - DOORS.keys()}
+    assert led_to == DOORS[door]
 
 
 def test_nothing_of_the_product_imports_the_laboratory() -> None:

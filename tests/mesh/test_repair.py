@@ -30,6 +30,9 @@ class Timers:
     def start(self) -> None:
         pass
 
+    def cancel(self) -> None:
+        pass
+
 
 WAITING: list[tuple[float, Timers]] = []
 
@@ -142,6 +145,23 @@ def test_one_that_has_ended_is_not_looked_for_but_a_place_that_is_free_is_taken(
     assert sessions.ended == 1
     repair.lost("peer", f"tcp/{LOOPBACK}:{free_port()}")
     assert looks() == []
+
+
+@pytest.mark.parametrize(
+    ("after", "taken", "reported"), [(1000, True, True), (0, True, False), (1000, False, False)]
+)
+def test_ports_that_another_program_has_are_reported(
+    looks: Looks, caplog: pytest.LogCaptureFixture, *, after: int, taken: bool, reported: bool
+) -> None:
+    place = ("tcp/127.0.0.1:7450",)
+    sessions = Sessions(after=after)
+    sessions.opened = [place] * taken
+    repair = Repair(sessions, (), (place,))
+    repair.begin()
+    looks()
+    repair.close()
+    found = "no process of a society answers at tcp/127.0.0.1:7450" in caplog.text
+    assert found == reported
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any, cast
@@ -41,6 +44,32 @@ def test_when_all_who_had_a_well_known_endpoint_are_gone_those_who_are_left_can_
         assert client.wait_for(lambda: client.alive == {("left", "0"), ("left", "1")}, SOON)
         rest[0].close()  # with the endpoint that it may have taken
         assert client.wait_for(lambda: client.alive == {("left", "1")}, SOON)
+
+
+LEFT_OPEN = """
+import armadico
+joined = armadico.connect("test")
+guest = joined.__enter__()
+guest.latest(armadico.Pose)
+assert guest.wait_for(lambda: guest.alive, 10.0)
+raise ValueError("over")
+"""
+
+
+def test_a_program_that_ends_by_an_exception_ends_though_its_mesh_is_open(
+    join: Join, endpoints: str
+) -> None:
+    join().declare_alive("goto", "goto-1")
+    ended = subprocess.run(
+        [sys.executable, "-c", LEFT_OPEN],
+        env={**os.environ, ENDPOINTS_VARIABLE: endpoints},
+        capture_output=True,
+        text=True,
+        timeout=6 * SOON,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.endswith("ValueError: over\n")
 
 
 def test_a_session_that_does_not_close_is_left_behind(join: Join) -> None:

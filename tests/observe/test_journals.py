@@ -18,7 +18,7 @@ from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
 from armadico.observe.journals import Head, Journal, Pieces, stream
-from armadico.observe.recorder import Recording
+from armadico.observe.recorder import McapFile, Recording
 from armadico.observe.recordings import Past, RecordingError
 from armadico.observe.virtual_recording import Recorded
 from armadico.observe.watching import Heard
@@ -228,3 +228,16 @@ def test_a_recording_of_another_protocol_is_refused_in_words(tmp_path: Path) -> 
     Recording(path, {"protocol": str(PROTOCOL + 1), "version": "9"}).close()
     with pytest.raises(RecordingError, match=f"with protocol {PROTOCOL + 1}; this program speaks"):
         Past(path, pytest.fail).check()
+
+
+def test_a_recording_of_another_program_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    McapFile(path, {}, "ros2").close()
+    with pytest.raises(RecordingError, match="another program wrote it"):
+        Past(path, pytest.fail).check()
+
+
+def test_the_journals_of_some_are_read_without_those_of_others(recording: Path) -> None:
+    everybody = Past(recording, pytest.fail).journals()
+    (one,) = Past(recording, pytest.fail).journals({everybody[0].instance})
+    assert one == everybody[0]

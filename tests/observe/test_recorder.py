@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from armadico.core.services import SERVICES
 from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import TRIES, Gaps, Recording, record
 from armadico.observe.recordings import RecordingError, Row, rows
+from armadico.observe.salvage import MAGIC
 from armadico.observe.watching import (
     Heard,
     Presence,
@@ -28,6 +30,7 @@ from armadico.observe.watching import (
     json_schema,
     kind_at,
 )
+from tests.programs import call
 
 CYCLE = m.Cycle(2**62 + 1, 7)
 BALLOT = m.Ballot(3, 0.6, False, "goto-1")
@@ -41,6 +44,7 @@ RELEASE = m.Command("wheels", CYCLE, BALLOT, None)
 ENCODED = m.Claim("arm", BALLOT, CYCLE, 0.6, wanted=b"\x00\xff", commanded=b"")
 CARD = m.Card("goto", "goto-1", "lab1", 7, "1", 1, ("a",), ("b",), ("wheels",))
 SECOND = 1_000_000_000
+MEMORY = 1_000_000_000
 
 
 def heard(key: str, message: m.Message, at: int = 0, *, asked: bool = False) -> Heard:
@@ -263,10 +267,60 @@ def test_a_damaged_byte_is_a_warning_at_worst(
     path.write_bytes(data)
     warnings: list[str] = []
     try:
-        found = list(rows(path, warnings.append))
+        found = [row.t for row in rows(path, warnings.append)]
     except RecordingError:
-        return
+        found = []
+        warnings.append("no recording")
+    assert len(found) >= 4 or where % len(data) < len(MAGIC), "one chunk at the most"
     assert len(found) == 5 or warnings
+
+
+def test_all_whole_chunks_of_a_damaged_file_are_read_and_it_says_what_is_missing(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.mcap"
+    keys = ["robot/state", "encoder/pose"]  # each is described in the chunk that it begins in
+    said = {"robot/state": STATE, "encoder/pose": POSE}
+    recorded(path, *(heard(keys[n > 2], said[keys[n > 2]], n * SECOND) for n in range(9)))
+    data = path.read_bytes()
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    starts = [chunk.chunk_start_offset for chunk in summary.chunk_indexes]
+    assert len(starts) == 9
+    for chunk in 0, 3, 8:
+        for place in starts[chunk], starts[chunk] + 3, starts[chunk] + 60:
+            path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+            warnings: list[str] = []
+            found = [row.t // SECOND for row in rows(path, warnings.append)]
+            assert found == [n for n in range(9) if n != chunk]
+            assert any("is damaged: 8 messages could be read, 1 could not" in w for w in warnings)
+            if chunk == 3:
+                assert "messages between 2.0 s and 4.0 s are missing" in warnings[0]
+
+
+def test_what_a_damaged_beginning_says_is_read_from_the_end(tmp_path: Path) -> None:
+    path, about = tmp_path / "run.mcap", dict[str, str]()
+    recorded(path, heard("robot/state", STATE, 1), about={"version": "7"})
+    data = bytearray(path.read_bytes())
+    data[len(MAGIC) + 2] ^= 1  # how long the header is: the metadata are after it
+    path.write_bytes(data)
+    assert len(list(rows(path, lambda _: None, about))) == 1
+    assert about["version"] == "7"
+
+
+def test_a_file_that_is_larger_than_the_memory_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recording = recorded(path, *(heard("robot/state", STATE, n) for n in range(3)))
+    with recording.path.open("r+b") as file:
+        file.truncate(MEMORY)  # a hole, and no end
+
+    def little() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+    done = call("export", str(path), "--to", "csv", preexec_fn=little)
+    assert done.returncode == 0, done.stderr
+    assert "3 messages of 1 topics" in done.stdout
 
 
 def test_tables_have_a_file_a_topic_and_a_column_a_field(tmp_path: Path) -> None:

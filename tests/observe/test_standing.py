@@ -61,6 +61,34 @@ def test_who_listens_since_lately_is_told_who_would_provide_what_is_lacking() ->
     assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
 
 
+def test_a_host_of_the_table_that_is_away_is_named_with_how_its_share_is_started() -> None:
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").kill()
+    heard.let_pass(3.0)
+    heard.chronicle = Chronicle()
+    heard.let_pass(2.0)
+    here = [name for name in heard.view.names if name != "sonar"]
+    table = {"lab1": here, "lab2": ("sonar",)}
+    found = standing(heard.view, heard.mesh.now, providers, table)
+    assert found.cause is not None
+    assert (found.cause.sort, found.cause.who) == (Sort.HOST, "lab2")
+    assert found.sentences[-1] == "lab2 is to run sonar, and no agent of lab2 is alive."
+    assert "`armadico up --host lab2`" in found.cause.todo
+
+
+def test_where_no_agent_is_left_the_hosts_of_the_table_are_named() -> None:
+    view = View()
+    view.token("goto-1", there=True, t=0.0)
+    view.token("goto-1", there=False, t=1.0)
+    cause = standing(view, 2.0, providers, {"lab1": ("goto",), "lab2": ("sonar",)}).cause
+    assert cause is not None
+    assert "--host lab1" in cause.todo
+    assert "--host lab2" in cause.todo
+    assert standing(view, 2.0, providers).cause == replace(
+        cause, todo="`armadico up` starts a whole society"
+    )
+
+
 def test_what_several_have_in_common_is_said_once_and_the_cause_comes_last() -> None:
     heard = Overheard().drive()
     heard.mesh.node("sonar").hang()

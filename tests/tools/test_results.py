@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -62,6 +64,36 @@ def test_a_row_that_was_cut_off_does_not_count_and_takes_no_other_with_it(
     found = again.read()
     assert found[:2] == ROWS
     assert found[-1] == Row("e", 5)
+
+
+def test_a_row_that_another_process_is_writing_is_not_taken_for_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows, lock = Rows(tmp_path / "rows.csv", Row), fcntl.flock
+    rows.add(ROWS[0])
+    with rows._alone(), rows.path.open("a") as file:
+        file.write("c,")
+        file.flush()
+        monkeypatch.setattr(fcntl, "flock", lambda fd, how: lock(fd, how | fcntl.LOCK_NB))
+        with pytest.raises(BlockingIOError):
+            Rows(rows.path, Row)
+        with pytest.raises(BlockingIOError):
+            rows.add(ROWS[0])
+        file.write("2,0,\n")
+    assert rows.read() == ROWS
+
+
+def test_what_replaces_a_file_is_on_the_disk_before_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    replace, fsync = Path.replace, os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (done.append("fsync"), fsync(fd)))
+    monkeypatch.setattr(Path, "replace", lambda *a: (done.append("replace"), replace(*a)))
+    rows = Rows(tmp_path / "rows.csv", Row)
+    rows.rewrite(ROWS)
+    assert done == ["fsync", "replace", "fsync"]
+    assert rows.read() == ROWS
 
 
 def test_whoever_is_killed_leaves_no_process_not_even_one_that_hangs(tmp_path: Path) -> None:

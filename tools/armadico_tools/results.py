@@ -7,12 +7,18 @@ read again, by the kind of its rows. A line that was cut off does not count.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+import fcntl
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, TextIO, TypeVar
 
 import msgspec
 from msgspec import Struct
+
+from armadico.config.writing import write_files
 
 R = TypeVar("R", bound=Struct)
 
@@ -25,8 +31,9 @@ class Rows(Generic[R]):
         self.path = path
         self._kind = kind
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file() and not (data := path.read_bytes()).endswith(b"\n"):
-            path.write_bytes(data[: data.rfind(b"\n") + 1])  # the next row is not to end this one
+        with self._alone():  # or a row that another process is writing is taken for cut off
+            if path.is_file() and not (data := path.read_bytes()).endswith(b"\n"):
+                os.truncate(path, data.rfind(b"\n") + 1)  # the next row is not to end this one
 
     def read(self) -> list[R]:
         """What is there, in the order in which it was written."""
@@ -46,24 +53,40 @@ class Rows(Generic[R]):
 
     def add(self, *rows: R) -> None:
         """Keep rows, now."""
-        if not self.path.is_file():
-            write_csv(self.path, self._kind.__struct_fields__, ())
-        with self.path.open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows(map(_cells, rows))
+        with self._alone():
+            if not self.path.is_file():
+                write_csv(self.path, self._kind.__struct_fields__, ())
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows(map(_cells, rows))
 
     def rewrite(self, rows: Iterable[R]) -> None:
         """Have these instead of what is there; an interruption leaves one or the other."""
-        fresh = self.path.with_suffix(".new")
-        write_csv(fresh, self._kind.__struct_fields__, map(_cells, rows))
-        fresh.replace(self.path)
+        text = StringIO(newline="")
+        _write(text, self._kind.__struct_fields__, map(_cells, rows))
+        with self._alone():
+            write_files({self.path: text.getvalue().encode()})
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Hold the folder's lock, so that no other process writes rows in it."""
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(folder)  # which releases the lock
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
     """A CSV file whose bytes depend on the numbers only."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(map(plain, row) for row in rows)
+        _write(file, header, rows)
+
+
+def _write(file: TextIO, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(map(plain, row) for row in rows)
 
 
 def write_json(path: Path, about: object) -> None:

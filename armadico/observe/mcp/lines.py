@@ -15,8 +15,16 @@ from msgspec import UNSET, Struct, UnsetType
 from armadico.core.messages import line
 from armadico.core.tools import TOOLS, Tool
 
+STATELESS: Final = "2026-07-28"
+"""The version without a handshake: each request carries in `_meta` which version it is of."""
+
 VERSIONS: Final = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
-"""Of the protocol that are spoken, the newest first; for tools they do not differ."""
+"""Those with a handshake (`initialize`), the newest first; for tools they do not differ."""
+
+CACHED_MS: Final = 3_600_000
+"""How long a client of the stateless version may keep the list of tools, which never changes."""
+
+_META: Final = "io.modelcontextprotocol/"
 
 LONGEST: Final = 65_536
 """Bytes of a line."""
@@ -25,6 +33,7 @@ NAME_LONGEST: Final = 60
 """Characters of a client's name that are told."""
 
 PARSE_ERROR, INVALID, NO_METHOD, BAD_PARAMS = -32700, -32600, -32601, -32602
+BAD_VERSION: Final = -32022
 
 INSTRUCTIONS: Final = (
     "A wheeled robot that is driven by a society of agents; nobody is in charge, and you are not."
@@ -42,6 +51,17 @@ class _Client(Struct, frozen=True):
 class _Hello(Struct, frozen=True, rename="camel"):
     protocol_version: str = ""
     client_info: _Client = _Client()
+
+
+class _Meta(Struct, frozen=True):
+    """What a request of the stateless version says of itself; empty in other versions."""
+
+    version: str = msgspec.field(default="", name=f"{_META}protocolVersion")
+    client: _Client = msgspec.field(default=_Client(), name=f"{_META}clientInfo")
+
+
+class _Asked(Struct, frozen=True):
+    meta: _Meta = msgspec.field(default=_Meta(), name="_meta")
 
 
 class _Params(Struct, frozen=True):
@@ -68,6 +88,8 @@ class Call(Struct, frozen=True):
     id: int | str
     tool: str
     text: str
+    stamp: dict[str, Any] = {}
+    """What the answer carries besides, by the version of the call."""
 
 
 class Lines:
@@ -97,9 +119,40 @@ class Lines:
         if said.jsonrpc != "2.0":
             return _error(said.id, INVALID, "only JSON-RPC 2.0 is spoken")
         try:
+            meta = _meta(said.params)
+            if meta.version:
+                return self._stateless(said.id, said.method, said.params, meta)
             return self._requested(said.id, said.method, said.params)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             return _error(said.id, BAD_PARAMS, f"{said.method}: {error}")
+
+    def _stateless(
+        self, number: int | str, method: str, params: msgspec.Raw, meta: _Meta
+    ) -> Call | bytes:
+        """Answer a request that says which version it is of."""
+        self.client = line(meta.client.name)[:NAME_LONGEST] or self.client
+        if meta.version != STATELESS:
+            supported = {"supported": [STATELESS], "requested": meta.version}
+            return _error(number, BAD_VERSION, "the protocol's version is not spoken", supported)
+        stamp = {"resultType": "complete", "_meta": {f"{_META}serverInfo": self._server}}
+        cached = {"ttlMs": CACHED_MS, "cacheScope": "public"}
+        match method:
+            case "server/discover":
+                found = {"supportedVersions": [STATELESS]} | self._abilities
+                return _result(number, found | cached | stamp)
+            case "tools/list":
+                return _result(number, _tools() | cached | stamp)
+            case "tools/call":
+                return _called(number, msgspec.json.decode(params, type=_Params), stamp)
+        return _error(number, NO_METHOD, f"no method {line(method)[:NAME_LONGEST]!r}")
+
+    @property
+    def _server(self) -> dict[str, str]:
+        return {"name": "armadico", "title": "Armadico", "version": self._version}
+
+    @property
+    def _abilities(self) -> dict[str, Any]:
+        return {"capabilities": {"tools": {}}, "instructions": INSTRUCTIONS}
 
     def _requested(self, number: int | str, method: str, params: msgspec.Raw) -> Call | bytes:
         match method:
@@ -110,29 +163,41 @@ class Lines:
             case "ping":
                 return _result(number, {})
             case "tools/list":
-                return _result(number, {"tools": [_shown(tool) for tool in TOOLS.values()]})
+                return _result(number, _tools())
             case "tools/call":
-                return _called(number, msgspec.json.decode(params, type=_Params))
+                return _called(number, msgspec.json.decode(params, type=_Params), {})
         return _error(number, NO_METHOD, f"no method {line(method)[:NAME_LONGEST]!r}")
 
     def _greeting(self, wanted: str) -> dict[str, Any]:
         return {
             "protocolVersion": wanted if wanted in VERSIONS else VERSIONS[0],
-            "capabilities": {"tools": {}},
-            "serverInfo": {"name": "armadico", "title": "Armadico", "version": self._version},
-            "instructions": INSTRUCTIONS,
+            "serverInfo": self._server,
+            **self._abilities,
         }
 
 
 def answer(call: Call, told: dict[str, Any], *, failed: bool = False) -> bytes:
     """The line that answers a call: an object, and the same as text for clients that read none."""
     content = [{"type": "text", "text": msgspec.json.encode(told).decode()}]
-    return _result(call.id, {"content": content, "structuredContent": told, "isError": failed})
+    result = {"content": content, "structuredContent": told, "isError": failed}
+    return _result(call.id, result | call.stamp)
 
 
-def _called(number: int | str, params: _Params) -> Call:
+def _meta(params: msgspec.Raw) -> _Meta:
+    """What a request says of itself; nothing if it says that in no way that is known."""
+    try:
+        return msgspec.json.decode(params, type=_Asked).meta
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return _Meta()
+
+
+def _tools() -> dict[str, Any]:
+    return {"tools": [_shown(tool) for tool in TOOLS.values()]}
+
+
+def _called(number: int | str, params: _Params, stamp: dict[str, Any]) -> Call:
     given = bytes(params.arguments)
-    return Call(number, params.name, "{}" if given == b"null" else _in_ascii(given))
+    return Call(number, params.name, "{}" if given == b"null" else _in_ascii(given), stamp)
 
 
 def _in_ascii(data: bytes) -> str:
@@ -178,6 +243,8 @@ def _result(number: int | str, result: dict[str, Any]) -> bytes:
     return msgspec.json.encode({"jsonrpc": "2.0", "id": number, "result": result}) + b"\n"
 
 
-def _error(number: int | str | None, code: int, message: str) -> bytes:
-    error = {"code": code, "message": line(message)}
+def _error(
+    number: int | str | None, code: int, message: str, data: dict[str, Any] | None = None
+) -> bytes:
+    error = {"code": code, "message": line(message)} | ({} if data is None else {"data": data})
     return msgspec.json.encode({"jsonrpc": "2.0", "id": number, "error": error}) + b"\n"

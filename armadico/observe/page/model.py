@@ -32,7 +32,7 @@ from armadico.core.services import QUIET_S, service_of
 from armadico.observe.page.asked import Asked, Shipped
 from armadico.observe.page.known import Known
 from armadico.observe.pictures import colour
-from armadico.observe.standing import Installed, standing
+from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
 from armadico.observe.view import View, agent_of, at_work
 
 EXCHANGES: Final = 30
@@ -55,6 +55,7 @@ class Robot:
         bits64: Callable[[], int] = lambda: 1,
         helpers: Collection[str] = (),
         installed: Installed = lambda _: (),
+        hosts: Hosts = NO_TABLE,
     ) -> None:
         """Nothing is known yet.
 
@@ -65,13 +66,14 @@ class Robot:
             bits64: Draws the number that tells one stop from another.
             helpers: Agents that can be started beside the page, where no host would.
             installed: As `standing` takes it.
+            hosts: As `standing` takes it.
         """
         self.namespace = namespace
         self.known = Known(helpers)
         self.asked = Asked(self.known, missions or {}, bits64)
         self.world = world
         self.missions = missions or {}
-        self._installed = installed
+        self._installed, self._hosts = installed, hosts
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
@@ -257,7 +259,7 @@ class Robot:
         ]
 
     def _standing(self, t: float) -> dict[str, Any]:
-        found = standing(self.view, t, self._installed)
+        found = standing(self.view, t, self._installed, self._hosts)
         cause = found.cause
         told: dict[str, Any] = {"stands": found.stands, "sentences": list(found.sentences)}
         if cause is not None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from armadico.core.messages import AssistantRequest, MessageError, checked
 from armadico.core.tools import TOOLS
-from armadico.observe.mcp.lines import LONGEST, VERSIONS, Call, Lines, answer
+from armadico.observe.mcp.lines import LONGEST, STATELESS, VERSIONS, Call, Lines, answer
 
 
 def said(**fields: object) -> bytes:
@@ -38,6 +38,42 @@ def test_it_greets_in_the_clients_version_if_it_speaks_that(version: str) -> Non
     assert result["capabilities"] == {"tools": {}}
     assert result["serverInfo"]["name"] == "armadico"
     assert lines.client == "a model [2J", "it goes to terminals"
+
+
+def stateless(method: str, version: str = STATELESS, **params: object) -> bytes:
+    """A request of the version without a handshake."""
+    prefix = "io.modelcontextprotocol/"
+    meta = {
+        f"{prefix}protocolVersion": version,
+        f"{prefix}clientInfo": {"name": "a model", "version": "3"},
+        f"{prefix}clientCapabilities": {},
+    }
+    return said(method=method, params={"_meta": meta, **params})
+
+
+def test_without_a_handshake_each_request_says_its_version() -> None:
+    lines = Lines("0.1")
+    found = told(lines.take(stateless("server/discover")))["result"]
+    assert found["supportedVersions"] == [STATELESS]
+    assert found["capabilities"] == {"tools": {}}
+    assert (found["resultType"], found["cacheScope"]) == ("complete", "public")
+    assert found["_meta"]["io.modelcontextprotocol/serverInfo"]["name"] == "armadico"
+    assert lines.client == "a model"
+    listed = told(lines.take(stateless("tools/list")))["result"]
+    assert [tool["name"] for tool in listed["tools"]] == list(TOOLS)
+    assert (listed["resultType"], listed["ttlMs"] > 0) == ("complete", True)
+    call = lines.take(stateless("tools/call", name="where", arguments={}))
+    assert isinstance(call, Call)
+    result = told(answer(call, {"x": 1}))["result"]
+    assert (result["structuredContent"], result["resultType"]) == ({"x": 1}, "complete")
+    for removed in ("initialize", "ping"):
+        assert told(lines.take(stateless(removed)))["error"]["code"] == -32601
+
+
+def test_a_version_that_is_not_spoken_is_refused_with_those_that_are() -> None:
+    error = told(Lines("0.1").take(stateless("tools/list", "2099-01-01")))["error"]
+    assert error["code"] == -32022
+    assert error["data"] == {"supported": [STATELESS], "requested": "2099-01-01"}
 
 
 def test_nothing_is_said_to_what_wants_no_answer() -> None:
