@@ -72,7 +72,8 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--sensors",
         metavar="NAME",
-        help="how well the simulated robot senses: real; ideal: without error, nobody localizes",
+        help="sensors of the simulated robot: real; ideal: without error, and nobody localizes"
+        " (default: the scenario's)",
     )
     made.add_argument(
         "--redundant",

@@ -13,8 +13,8 @@ from math import cos, degrees, sin
 from pathlib import Path
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct, field
-from msgspec.structs import replace
+from msgspec import Meta, Struct
+from msgspec.structs import force_setattr, replace
 
 from armadico.config.discovery import AGENTS, UnknownNameError
 from armadico.config.discovery import find as find_installed
@@ -126,7 +126,8 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     which nobody knows; None: planned where there are barriers."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
-    agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
+    agents: tuple[str, ...] = ()
+    """The agents that take part; none named: those of `society.toml` for these sensors."""
     redundant: bool = False
     """Two of each behaviour: the mission outlives any one of them."""
     robot: str = "pioneer-2dx"
@@ -149,6 +150,19 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     name: str = ""
     """What it is called: the file's name, unless it is given."""
+
+    def __post_init__(self) -> None:
+        """Resolve the default agents, so that every reader gets the same ones."""
+        if not self.agents:
+            force_setattr(self, "agents", _default_agents(self.sensors))
+
+
+def _default_agents(sensors: str) -> tuple[str, ...]:
+    """The agents of a scenario that names none; with sensors without error nobody localizes."""
+    everybody, spared = society().agents, society().ideal
+    if sensors != spared.sensors:
+        return everybody
+    return tuple(name for name in everybody if name not in spared.without)
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
@@ -213,6 +227,20 @@ def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:
     gone = set(changes.without) - set(keeping)
     agents = tuple(name for name in scenario.agents if name not in gone)
     return replace(scenario, sensors=changes.sensors, agents=agents)
+
+
+def with_sensors(scenario: Scenario, sensors: str, keeping: Sequence[str] = ()) -> Scenario:
+    """Return the scenario with other sensors, by the name of their table in sensors.toml.
+
+    A scenario that names no agents gets the default ones for these sensors. From one that does, and
+    with sensors without error, those are removed that are not needed then, except `keeping`.
+    Raises ConfigError for an unknown name.
+    """
+    if sensors == society().ideal.sensors:
+        return ideal(scenario, keeping)
+    unnamed = scenario.agents == _default_agents(scenario.sensors)
+    agents = () if unnamed else scenario.agents
+    return replace(scenario, sensors=known_sensors(sensors), agents=agents)
 
 
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:

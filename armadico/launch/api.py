@@ -198,8 +198,8 @@ def run(
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
         besides: Agents that take part, too, by their names; installed.
-        sensors: How well the simulated robot senses; by default as the scenario says, real. With
-            ideal ones nobody localizes.
+        sensors: How well the simulated robot senses, real or ideal (by default as the scenario
+            says). With ideal ones the localization agents take no part.
         redundant: Two of each behaviour, whatever the scenario says.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise, collaborative or brisk.

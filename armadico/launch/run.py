@@ -173,7 +173,9 @@ class Run:
         if not any(Correction in agent_class(name).provides for name in self.names):
             return ", since nobody localizes"
         walls = load_world(self.scenario.world).outlines
-        return "" if walls else ", since there is no wall to know the place by"
+        if walls:
+            return ""
+        return ", since there is no wall to localize against; with `--sensors ideal` nothing drifts"
 
     def wait(self, seconds: float) -> None:
         """Let it drive for so long, or until it is done."""

@@ -27,7 +27,6 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     PoseDeg,
     Scenario,
-    ideal,
     known_sensors,
     mission_of,
     on_mission,
@@ -36,6 +35,7 @@ from armadico.config.scenarios import (
     sensing,
     society,
     unmapped,
+    with_sensors,
 )
 from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
@@ -110,14 +110,14 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
-    if options.sensors == society().ideal.sensors:
-        scenario = ideal(scenario, options.besides)
+    if options.sensors is not None:
+        scenario = with_sensors(scenario, options.sensors, options.besides)
     scenario = on_mission(scenario, mission)
     more = tuple(name for name in options.besides if name not in scenario.agents)
     scenario = replace(
         scenario,
         agents=(*scenario.agents, *more),
-        sensors=known_sensors(options.sensors or scenario.sensors),
+        sensors=known_sensors(scenario.sensors),
         redundant=options.redundant or scenario.redundant,
     )
     for name in (*scenario.agents, *options.without):

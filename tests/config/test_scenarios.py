@@ -12,7 +12,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError
-from armadico.config.loading import names, resource_path
+from armadico.config.loading import document, find, names, read_text, resource_path
 from armadico.config.mapwriter import write_map
 from armadico.config.profile import POSE_M, load_profile
 from armadico.config.scenarios import (
@@ -20,11 +20,13 @@ from armadico.config.scenarios import (
     Scenario,
     _misplaced,
     blind,
+    ideal,
     load_scenario,
     on_mission,
     planned,
     scenario_from,
     society,
+    with_sensors,
 )
 from armadico.config.worlds import DOCK_LANE_M, load_world
 
@@ -54,6 +56,29 @@ def test_the_thesis_experiments_are_all_there() -> None:
     every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
     assert sorted([*every, "fleet", "floor-people", "surveillance"]) == SHIPPED
     assert names("worlds") == sorted(["empty", "hall", "surveillance", *every])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scenario_names_its_sensors_and_is_ideal_without_walls(name: str) -> None:
+    path = find("scenarios", name)
+    assert "sensors" in document(read_text(path), path)
+    scenario = load_scenario(name)
+    if not load_world(scenario.world).outlines:
+        assert scenario.sensors == "ideal"
+
+
+def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents() -> None:
+    everybody, spared = society().agents, set(society().ideal.without)
+    sc1 = load_scenario("sc1")
+    assert set(sc1.agents) == set(everybody) - spared
+    assert with_sensors(sc1, "real").agents == everybody
+    assert with_sensors(sc1, "ideal") == ideal(sc1) == sc1
+    named = replace(sc1, agents=("encoder", "localization", "goto"))
+    assert with_sensors(named, "real").agents == named.agents
+    fleet = load_scenario("fleet")
+    assert with_sensors(fleet, "real").agents == fleet.agents
+    with pytest.raises(ConfigError, match="no sensors 'rael'"):
+        with_sensors(sc1, "rael")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -141,8 +166,8 @@ def test_a_scenario_starts_where_its_world_says(name: str) -> None:
 def test_files_need_only_say_what_is_special() -> None:
     scenario = load_scenario("sc1")
     assert scenario.name == "sc1"
-    assert scenario.agents == society().agents
-    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "real")
+    assert scenario.agents == ideal(Scenario(world="sc1", start=(0, 0, 0))).agents
+    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "ideal")
     assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, load_scenario, with_sensors
 from armadico.core.messages import Plan, PlanRequest, Waypoint
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -55,7 +55,7 @@ class Run(Struct, frozen=True):
 
 def ways() -> dict[str, Scenario]:
     """By name, there and back; all as the planner has them."""
-    found = {name: load_scenario(name) for name in SCENARIOS}
+    found = {name: with_sensors(load_scenario(name), "real") for name in SCENARIOS}
     there = {name: replace(one, plan="rooms", waypoints=()) for name, one in found.items()}
     back = {f"{name}, back": turned(there[name]) for name in BACK}
     return {**there, **back}
