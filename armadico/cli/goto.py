@@ -20,6 +20,7 @@ LINE_S: Final = 2.0
 
 EXAMPLES: Final = """\
   armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, as the path planner says
+  armadico goto 4 2                the same place, with the heading of a straight line to it
   armadico goto -1 0.5 -90
   armadico goto 4 2 90 --direct    straight there, with no plan
 """
@@ -35,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         with mesh, ExitStack() as stack:
             client = Client(mesh)
-            heading = math.radians(args.heading)
+            heading = None if args.heading is None else math.radians(args.heading)
             mission = client.goto(args.x, args.y, heading, direct=args.direct)
             show = _shower(stack, mission.length)
             if not mission.wait(args.timeout, lambda m: show(m.to_go or 0.0, _remark(m, client))):
@@ -60,7 +61,13 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("x", type=_metres, metavar="X", help="m, in the world frame")
     made.add_argument("y", type=_metres, metavar="Y", help="m")
-    made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
+    made.add_argument(
+        "heading",
+        nargs="?",
+        type=_number,
+        metavar="DEG",
+        help="degrees, counter-clockwise (default: from where the robot is now towards X Y)",
+    )
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
     options.add_timeout(made, "give up waiting after this")
     options.add_mesh_options(made)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from math import degrees, hypot
+from math import hypot, pi
 from pathlib import Path
 
 import msgspec
@@ -366,7 +366,7 @@ def test_an_unknown_scenario_lists_what_there_is() -> None:
 
 def test_a_goal_is_a_pose_or_a_name() -> None:
     by_name = scenario_from("sc4", goal="B")
-    by_pose = scenario_from("sc4", (3.4, 0.6, 90.0), (7.4, 0.7, -90.0))
+    by_pose = scenario_from("sc4", (3.4, 0.6, pi / 2), (7.4, 0.7, -pi / 2))
     assert by_name == by_pose
     assert planned(by_name)
     assert not planned(scenario_from("sc1", goal="goal"))
@@ -495,7 +495,7 @@ def test_every_robot_can_drive_into_every_dock(name: str) -> None:
     assert world.start is not None
     x, y, theta = world.start
     for robot in ("pioneer-2dx", "amigobot"):
-        scenario_from(name, (x, y, degrees(theta)), robot=robot)
+        scenario_from(name, (x, y, theta), robot=robot)
 
 
 def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from itertools import pairwise
+from math import pi
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,17 @@ from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
-from armadico.core.messages import Ack, Ballot, Log, Message, RobotState, Stop, Truth, encode
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Log,
+    Message,
+    RobotState,
+    Stop,
+    Trajectory,
+    Truth,
+    encode,
+)
 from armadico.core.resources import WHEELS
 from armadico.core.services import SERVICES
 from armadico.launch.attached import AttachedRun
@@ -106,6 +117,16 @@ def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one()
     assert state is not None
     assert state.stop.by == "tester"
     client.resume(10.0, by="tester")
+
+
+def test_a_goal_without_a_heading_is_looked_at_from_where_the_robot_is() -> None:
+    rehearsal = Rehearsal(replace(LINE, goal=None), Options())
+    client = Client(VirtualSession(rehearsal.mesh))
+    rehearsal.start()
+    client.goto(1.5, 3.0, direct=True)
+    trajectory = client.latest(Trajectory, timeout=2.0)
+    assert trajectory is not None
+    assert trajectory.waypoints[-1].theta == pytest.approx(pi / 4, abs=0.01)
 
 
 @pytest.mark.parametrize(

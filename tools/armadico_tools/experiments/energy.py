@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import pi, remainder, tau
 from statistics import mean, median
 from typing import TYPE_CHECKING, Final
 
@@ -65,7 +65,7 @@ def turned(scenario: Scenario) -> Scenario:
     """From the goal to the start, heading out of the goal."""
     assert scenario.goal is not None, "the thesis's scenarios have one"
     x, y, heading = scenario.goal
-    start = (x, y, (heading + 180.0) % 360.0)
+    start = (x, y, remainder(heading + pi, tau))
     return replace(scenario, start=start, goal=scenario.start)
 
 
@@ -140,4 +140,4 @@ def _row(one: Run) -> list[object]:
 
 
 def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
-    return Waypoint(pose[0], pose[1], radians(pose[2]))
+    return Waypoint(*pose)
