@@ -106,7 +106,8 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--page",
         action="store_true",
-        help="a page to click on beside a live run, with stop; the link is printed",
+        help="serve a page to click on beside a live run, and print the link; without --for the"
+        " society stays until Ctrl-C",
     )
     made.add_argument(
         "--wait",

@@ -1281,6 +1281,7 @@ class Card(Message, frozen=True):
     fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
     doubts: Text = ""  # what it works by that may be wrong,
     learnt: Text = ""  # and what it has estimated of the robot while it drove
+    world: Text = ""  # the map that it was launched with, by its name; empty: none
 
 
 class BidRecord(Message, frozen=True):

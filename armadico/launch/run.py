@@ -268,6 +268,11 @@ class LiveRun(Run):
                 f"the robot has said nothing for {self._silent_s:g} s; {self.words_of_the_robot()}"
             )
 
+    def wait_on(self) -> None:
+        """Let the society be for a step. Raises RunFailedError if the robot is silent."""
+        self.client.wait_for(lambda: None, self.step_s)
+        self.look()
+
     def words_of_the_robot(self) -> str:
         """What is known of a robot that does not answer."""
         return "`armadico ps` shows whether its agent is there, `armadico logs -f` what it says"

@@ -29,6 +29,8 @@ from armadico.core.messages import (
     Ballot,
     Log,
     Message,
+    MissionState,
+    MissionStatus,
     RobotState,
     Stop,
     Trajectory,
@@ -41,8 +43,10 @@ from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.observe.measures import RunWatch
 from armadico.observe.view import driver
 from armadico.runtime.client import Client
+from armadico.runtime.errors import RunFailedError
 
 SCENARIOS = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor")
 EVERYBODY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
@@ -117,6 +121,38 @@ def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one()
     assert state is not None
     assert state.stop.by == "tester"
     client.resume(10.0, by="tester")
+
+
+def test_a_robot_that_is_sent_elsewhere_drives_on_when_an_attached_run_ends() -> None:
+    rehearsal = Rehearsal(replace(LINE, goal=None), Options())
+    other = Client(VirtualSession(rehearsal.mesh))
+    sent: list[int] = []
+
+    def send(watch: RunWatch) -> None:
+        if not sent and watch.elapsed > 3.0:
+            sent.append(other.goto(6.5, 1.0, direct=True).number)
+
+    with AttachedRun(LINE, Options(), VirtualSession(rehearsal.mesh)) as run:
+        result = run.run(send)
+    assert sent
+    assert not result.reached
+    assert result.limit_s is None, "it ends at once, not at its time limit"
+    assert result.why == "another mission has taken its place"
+    status, state = other.latest(MissionStatus, 1.0), other.latest(RobotState, 1.0)
+    assert status is not None
+    assert (status.mission, status.state) == (sent[0], MissionState.DRIVING)
+    assert state is not None
+    assert not state.stop.stopped
+
+
+def test_a_run_of_another_world_than_the_societys_is_refused() -> None:
+    rehearsal = Rehearsal(replace(ideal(load_scenario("house")), goal=None), Options())
+    rooms = ideal(load_scenario("rooms-a"))
+    with (
+        pytest.raises(RunFailedError, match="up in the world 'house'"),
+        AttachedRun(rooms, Options(), VirtualSession(rehearsal.mesh)) as run,
+    ):
+        run.run()
 
 
 def test_a_goal_without_a_heading_is_looked_at_from_where_the_robot_is() -> None:
