@@ -461,7 +461,8 @@ class Description(Message, frozen=True):
     watchdog_s: Patience
     controller: Label = ""  # as the controller names itself; a simulator's `Truth` has the same
     sensors: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=8)] = ("sonar",)
-    """By which obstacles are known, each by an agent of that name: all have to be fresh."""
+    """The robot's sensors of obstacles. There is an `Obstacles` for each, whose `sensor` has its
+    name, and behaviours need fresh ones of all."""
     cone: Annotated[float, Meta(ge=0, le=7)] = 0.0  # rad, that a sonar hears; 0: nobody says
     nearest: Annotated[float, Meta(ge=0, le=100)] = 0.0  # m, the shortest range that it does
 
