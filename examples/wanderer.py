@@ -30,7 +30,7 @@ class Wanderer(Behaviour):
 
 
 if __name__ == "__main__":
-    world = armadico.Scenario(world="rooms-a", start=(1, 1, 90))
+    world = armadico.Scenario(world="rooms-a", start=(1, 1, pi / 2))
     done = armadico.run(world, virtual=True, limit=60.0, joins=[Wanderer])
     print(done.measures.verdict, done.measures.shares)
     done.plot("wanderer.png")

@@ -29,17 +29,17 @@ LEAVE_S: Final = 10.0
 def beside(
     args: argparse.Namespace,
     command: str,
-    world: str,
+    world: str | None,
     namespaces: Sequence[str] = (),
     *,
     wait: bool = False,
 ) -> Iterator[None]:
-    """A process for a run that ends with it; its link is printed.
+    """A process that serves a run or a society, and ends with it; its link is printed.
 
     Args:
         args: The run's: with the options of the mesh.
         command: One of `PORTS`.
-        world: The run's world, by name or path.
+        world: The world that is drawn, by name or path; None: none.
         namespaces: The run's robots; by default the one of the options.
         wait: Until somebody looks; and afterwards it stays until Ctrl-C.
 
@@ -48,7 +48,8 @@ def beside(
     """
     from armadico.launch.processes import command_line  # noqa: PLC0415 - not for --help
 
-    words = [command, *PORTS[command], f"--world={world}", *options.joining(args)]
+    words = [command, *PORTS[command], *options.joining(args)]
+    words += [] if world is None else [f"--world={world}"]
     words += [f"--namespace={name}" for name in namespaces or (args.namespace,)]
     process = subprocess.Popen(
         command_line(words),
@@ -62,7 +63,7 @@ def beside(
         try:
             said = process.stdout.readline()  # ends with the process, if that fails
             if not said:
-                raise FailedError(f"no {command}, so no run; without --{command} it drives")
+                raise FailedError(f"the {command} did not start; leave out --{command}")
             print(said, end="", file=sys.stderr, flush=True)
             if wait:
                 options.say("armadico run: open the link: the run begins when somebody looks")

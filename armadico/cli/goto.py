@@ -31,6 +31,7 @@ LINE_S: Final = 2.0
 
 EXAMPLES: Final = """\
   armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, as the path planner says
+  armadico goto 4 2                the same place, with the heading of a straight line to it
   armadico goto -1 0.5 -90
   armadico goto 4 2 90 --direct    straight there, with no plan
 """
@@ -102,10 +103,11 @@ def _sent(client: Client, args: argparse.Namespace) -> Mission:
     from armadico.runtime.errors import AbsentError, MissionRefusedError  # noqa: PLC0415
 
     client.listen(Pose)
+    heading = None if args.heading is None else math.radians(args.heading)
     end, said = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
     while True:
         try:
-            return client.goto(args.x, args.y, math.radians(args.heading), direct=args.direct)
+            return client.goto(args.x, args.y, heading, direct=args.direct)
         except (AbsentError, MissionRefusedError) as error:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise
@@ -136,7 +138,13 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("x", type=_metres, metavar="X", help="m, in the world frame")
     made.add_argument("y", type=_metres, metavar="Y", help="m")
-    made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
+    made.add_argument(
+        "heading",
+        nargs="?",
+        type=_number,
+        metavar="DEG",
+        help="degrees, counter-clockwise (default: from where the robot is now towards X Y)",
+    )
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
     options.add_timeout(made, "give up waiting after this")
     options.add_mesh_options(made)

@@ -242,8 +242,10 @@ def _live(
                 _rescue_map(args, run.client)
                 raise
             _keep_map(args, run.client)
-            if args.wait:  # what is printed comes after Ctrl-C
+            if args.wait or args.page:  # what is printed comes after Ctrl-C
                 options.say(f"{scenario.name}: {run.watch.result().verdict}")
+            if args.page and args.limit is None:
+                _stay(run)
     except KeyboardInterrupt:
         if not args.attach:  # which has said what it leaves
             options.say(
@@ -251,6 +253,14 @@ def _live(
             )
         raise
     return run.watch
+
+
+def _stay(run: LiveRun) -> None:
+    """Let the society be until Ctrl-C: the robot can be sent on from the page."""
+    options.say("armadico run: the run is over, the society and its page stay; Ctrl-C ends them")
+    with suppress(KeyboardInterrupt):
+        while True:
+            run.wait_on()
 
 
 def _label(scenario: Scenario, chosen: Options) -> str:

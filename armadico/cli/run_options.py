@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from math import inf, isfinite
+from math import inf, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +12,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
-    from armadico.config.scenarios import PoseDeg, Scenario
+    from armadico.config.scenarios import Scenario, ScenarioPose
     from armadico.launch.society import Options
 
 STARTING: Final = (
@@ -72,7 +72,8 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--sensors",
         metavar="NAME",
-        help="how well the simulated robot senses: real; ideal: without error, nobody localizes",
+        help="sensors of the simulated robot: real; ideal: without error, and nobody localizes"
+        " (default: the scenario's)",
     )
     made.add_argument(
         "--redundant",
@@ -105,7 +106,8 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--page",
         action="store_true",
-        help="a page to click on beside a live run, with stop; the link is printed",
+        help="serve a page to click on beside a live run, and print the link; without --for the"
+        " society stays until Ctrl-C",
     )
     made.add_argument(
         "--wait",
@@ -181,7 +183,7 @@ def _scenario(
         why = "nothing is planned, and a barrier is in the way"
         options.say(f'{scenario.name}: {why}; plan = "rooms" plans')
     if somewhere and scenario.goal is None and scenario.mission is None and not scenario.tasks:
-        sent = "" if args.virtual else "; armadico goto X Y DEG sends the robot to one"
+        sent = "" if args.virtual else "; armadico goto X Y sends the robot to one"
         options.say(f"{scenario.name}: no goal{sent}")
     return scenario
 
@@ -282,15 +284,18 @@ def _check_attach(args: argparse.Namespace) -> None:
             )
 
 
-def pose(flag: str, given: Sequence[float] | None) -> PoseDeg | None:
-    """Raises UsageError for what is no pose; whether it is free is the world's to say."""
+def pose(flag: str, given: Sequence[float] | None) -> ScenarioPose | None:
+    """The pose that an option names in degrees, with its heading in rad; None if there is none.
+
+    Raises UsageError for what is no pose; whether it is free is the world's to say.
+    """
     if given is None:
         return None
     x, y, heading = given
     if not (all(map(isfinite, given)) and abs(heading) <= 360.0):
         words = " ".join(f"{value:g}" for value in given)
         raise UsageError(f"--{flag} {words}: expected finite m, m and -360 to 360 degrees")
-    return x, y, heading
+    return x, y, radians(heading)
 
 
 def _check_together(args: argparse.Namespace, taking: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -32,6 +32,7 @@ EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  everybody on this machine
+  armadico up house --page                         and a page to click on; Ctrl-C ends both
   armadico up rounds                               as few as that mission needs
   armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
@@ -104,6 +105,11 @@ def parser() -> argparse.ArgumentParser:
         "--journal",
         action="store_true",
         help="the agents publish what enters and leaves them, so that a recording can be replayed",
+    )
+    made.add_argument(
+        "--page",
+        action="store_true",
+        help="serve the control page as well, until this ends; the link is printed",
     )
     options.add_mesh_options(made)
     return made
@@ -206,6 +212,7 @@ def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         with (
             PidFile(args.namespace, plan.host) as pid_file,
             mesh,
+            _page(args, scenario),
             Upkeep(plan, mesh, _say, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)
@@ -221,6 +228,15 @@ def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         ) from None
     except OSError as error:
         raise FailedError(f"cannot keep a file that says what is up: {error}") from None
+
+
+def _page(args: argparse.Namespace, scenario: Scenario | None) -> AbstractContextManager[None]:
+    """The control page beside the society, if it is asked for. Raises FailedError."""
+    if not args.page:
+        return nullcontext()
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+
+    return beside(args, "page", None if scenario is None else scenario.world)
 
 
 def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> Plan:

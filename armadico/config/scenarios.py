@@ -1,20 +1,20 @@
 """Scenarios: a world, where the robot starts, where it is sent, and who takes part.
 
-Scenario files are what people write and read, so poses are in metres and **degrees** here; the
-experiments are those of the thesis's chapter 5.
+Files are what people write and read, so their headings are in degrees; those of a `Scenario` are in
+rad, as everywhere in Python (REP-103). The experiments are those of the thesis's chapter 5.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
-from math import cos, degrees, sin
+from math import cos, isfinite, radians, sin, tau
 from pathlib import Path
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct, field
-from msgspec.structs import replace
+from msgspec import Meta, Struct
+from msgspec.structs import force_setattr, replace
 
 from armadico.config.discovery import AGENTS, UnknownNameError
 from armadico.config.discovery import find as find_installed
@@ -30,8 +30,10 @@ from armadico.config.worlds import Pose as WorldPose
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
-PoseDeg = tuple[Metres, Metres, Degrees]
-"""x, y in m and a heading in degrees."""
+ScenarioPose = tuple[Metres, Metres, Degrees]
+"""x, y in m and a heading: degrees in a file, whose range this checks, and rad in a `Scenario`."""
+
+ROUNDING_RAD = 1e-6
 
 Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
@@ -111,14 +113,14 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One run, whatever it runs on."""
+    """One run, whatever it runs on. Poses are x, y in m and a heading in rad."""
 
     title: str = ""
     world: str
-    start: PoseDeg
-    goal: PoseDeg | None = None
+    start: ScenarioPose
+    goal: ScenarioPose | None = None
     """None: nobody is sent anywhere, as where an agent wanders."""
-    waypoints: tuple[PoseDeg, ...] = ()
+    waypoints: tuple[ScenarioPose, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
     plan: Literal["direct", "waypoints", "rooms", "seen", "frontiers"] | None = None
     """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
@@ -126,7 +128,8 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     which nobody knows; None: planned where there are barriers."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
-    agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
+    agents: tuple[str, ...] = ()
+    """The agents that take part; none named: those of `society.toml` for these sensors."""
     redundant: bool = False
     """Two of each behaviour: the mission outlives any one of them."""
     robot: str = "pioneer-2dx"
@@ -137,9 +140,9 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     alarms: tuple[AlarmAt, ...] = ()
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
-    others: tuple[PoseDeg, ...] = ()
+    others: tuple[ScenarioPose, ...] = ()
     """Where further robots start: a fleet."""
-    tasks: Annotated[tuple[PoseDeg, ...], Meta(max_length=256)] = ()
+    tasks: Annotated[tuple[ScenarioPose, ...], Meta(max_length=256)] = ()
     """Places that a fleet is to look at."""
     look_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
     """How long each is looked at."""
@@ -149,6 +152,19 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     name: str = ""
     """What it is called: the file's name, unless it is given."""
+
+    def __post_init__(self) -> None:
+        """Resolve the default agents, so that every reader gets the same ones."""
+        if not self.agents:
+            force_setattr(self, "agents", _default_agents(self.sensors))
+
+
+def _default_agents(sensors: str) -> tuple[str, ...]:
+    """The agents of a scenario that names none; with sensors without error nobody localizes."""
+    everybody, spared = society().agents, society().ideal
+    if sensors != spared.sensors:
+        return everybody
+    return tuple(name for name in everybody if name not in spared.without)
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
@@ -165,10 +181,49 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     )
     if scenario.mission is not None:
         scenario = replace(scenario, mission=counted_from(path, scenario.mission))
+    scenario = _in_rad(scenario)
     world = _world(scenario, path, text)
     for key, message in (*_strangers(scenario), *_faults(scenario, world)):
         raise ConfigError(message, path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
+
+
+def _in_rad(scenario: Scenario) -> Scenario:
+    """The scenario of a file, whose headings are in degrees, with headings in rad."""
+
+    def turned(pose: ScenarioPose) -> ScenarioPose:
+        return pose[0], pose[1], radians(pose[2])
+
+    return replace(
+        scenario,
+        start=turned(scenario.start),
+        goal=None if scenario.goal is None else turned(scenario.goal),
+        waypoints=tuple(map(turned, scenario.waypoints)),
+        others=tuple(map(turned, scenario.others)),
+        tasks=tuple(map(turned, scenario.tasks)),
+    )
+
+
+def poses(scenario: Scenario) -> dict[str, ScenarioPose | None]:
+    """All poses of a scenario, by what an error calls them."""
+    found = {"start": scenario.start, "goal": scenario.goal}
+    for name, one in _ONE_OF.items():
+        found |= {f"{one} {k + 1}": pose for k, pose in enumerate(getattr(scenario, name))}
+    return found
+
+
+def check_poses(given: Mapping[str, Sequence[float] | None]) -> None:
+    """Check poses that a program gives. Raises ConfigError for what is none, or in degrees."""
+    for name, pose in given.items():
+        if pose is None:
+            continue
+        if len(pose) != 3 or not all(map(isfinite, pose)):
+            raise ConfigError(f"{name} {pose}: expected finite x and y in m and a heading in rad")
+        if abs(pose[2]) > tau + ROUNDING_RAD:
+            raise ConfigError(
+                f"{name} {pose}: the heading is in rad, from -2 pi to 2 pi; of degrees it is"
+                f" math.radians({pose[2]:g})"
+            )
 
 
 def planned(scenario: Scenario) -> bool:
@@ -213,6 +268,20 @@ def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:
     gone = set(changes.without) - set(keeping)
     agents = tuple(name for name in scenario.agents if name not in gone)
     return replace(scenario, sensors=changes.sensors, agents=agents)
+
+
+def with_sensors(scenario: Scenario, sensors: str, keeping: Sequence[str] = ()) -> Scenario:
+    """Return the scenario with other sensors, by the name of their table in sensors.toml.
+
+    A scenario that names no agents gets the default ones for these sensors. From one that does, and
+    with sensors without error, those are removed that are not needed then, except `keeping`.
+    Raises ConfigError for an unknown name.
+    """
+    if sensors == society().ideal.sensors:
+        return ideal(scenario, keeping)
+    unnamed = scenario.agents == _default_agents(scenario.sensors)
+    agents = () if unnamed else scenario.agents
+    return replace(scenario, sensors=known_sensors(sensors), agents=agents)
 
 
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
@@ -272,8 +341,8 @@ def _world(scenario: Scenario, path: Path, text: str) -> World:
 
 def scenario_from(
     world: str | Path,
-    start: PoseDeg | None = None,
-    goal: PoseDeg | str | None = None,
+    start: ScenarioPose | None = None,
+    goal: ScenarioPose | str | None = None,
     robot: str | None = None,
 ) -> Scenario:
     """A scenario of the command line: a world, and from where to where. Raises ConfigError.
@@ -298,18 +367,16 @@ def scenario_from(
     return scenario
 
 
-def _home(world: World) -> PoseDeg:
+def _home(world: World) -> ScenarioPose:
     if world.start is None:
         raise ConfigError(f"world {world.name!r} has no start: --start X Y DEG says where")
-    x, y, theta = world.start
-    return x, y, round(degrees(theta), 6)
+    return world.start
 
 
-def _goal(world: World, name: str) -> PoseDeg:
+def _goal(world: World, name: str) -> ScenarioPose:
     if name not in world.goals:
         raise ConfigError(f"no goal {name!r} in {world.name!r}; {advice(name, world.goals)}")
-    x, y, theta = world.goals[name]
-    return x, y, round(degrees(theta), 6)
+    return world.goals[name]
 
 
 def _unfound_mission(scenario: Scenario) -> Iterator[tuple[Key, str]]:
@@ -415,7 +482,7 @@ _STOPS = ("goal", "tasks")
 _ONE_OF = {"waypoints": "waypoint", "others": "robot", "tasks": "task"}
 
 
-def _misplaced(world: World, key: Key, pose: PoseDeg, body: Body) -> Iterator[tuple[Key, str]]:
+def _misplaced(world: World, key: Key, pose: ScenarioPose, body: Body) -> Iterator[tuple[Key, str]]:
     x, y, _ = pose
     what = str(key[-1])
     if isinstance(key[-1], int):

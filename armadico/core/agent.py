@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import isfinite
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar, cast
 
@@ -546,6 +547,7 @@ class Agent:
             owns=tuple(r.name for r in self.owns),
             tenure=min(self.tenure, m.LONGEST_TENURE),
             declares=tuple(r.signature for r in resources),
+            world=m.line(PurePath(str(getattr(self.p, "world", None) or "")).stem),
         )
 
     def _asks_for(self, to: Subscription) -> bool:

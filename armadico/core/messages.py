@@ -461,7 +461,8 @@ class Description(Message, frozen=True):
     watchdog_s: Patience
     controller: Label = ""  # as the controller names itself; a simulator's `Truth` has the same
     sensors: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=8)] = ("sonar",)
-    """By which obstacles are known, each by an agent of that name: all have to be fresh."""
+    """The robot's sensors of obstacles. There is an `Obstacles` for each, whose `sensor` has its
+    name, and behaviours need fresh ones of all."""
     cone: Annotated[float, Meta(ge=0, le=7)] = 0.0  # rad, that a sonar hears; 0: nobody says
     nearest: Annotated[float, Meta(ge=0, le=100)] = 0.0  # m, the shortest range that it does
 
@@ -1281,6 +1282,7 @@ class Card(Message, frozen=True):
     fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
     doubts: Text = ""  # what it works by that may be wrong,
     learnt: Text = ""  # and what it has estimated of the robot while it drove
+    world: Text = ""  # the map that it was launched with, by its name; empty: none
 
 
 class BidRecord(Message, frozen=True):

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from io import BytesIO
-from math import degrees, inf, radians
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
@@ -16,6 +16,7 @@ from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.geometry import Pose2
 from armadico.core.messages import OccupancyGrid
 from armadico.launch.society import Options, prepared
+from armadico.mesh.topology import several
 from armadico.observe.measures import Mark, Result, RunWatch
 
 if TYPE_CHECKING:
@@ -139,11 +140,10 @@ class Run:
                 mapped = cells_of(self.grid)
         goal = self.scenario.goal
         first = self.marks[0] if self.marks else None
-        x, y, heading = self.scenario.start
         return Picture(
             path=self.marks,
-            start=(x, y, radians(heading)) if first is None else (first.x, first.y, first.theta),
-            goal=None if goal is None else (goal[0], goal[1], radians(goal[2])),
+            start=self.scenario.start if first is None else (first.x, first.y, first.theta),
+            goal=goal,
             body=load_profile(self.scenario.robot).body,
             waypoints=self.waypoints[:-1] if self.grid is None else (),  # else the last of many
             echoes=self.echoes,
@@ -161,8 +161,8 @@ def run(
     start: Pose2 | None = None,
     goal: Pose2 | None = None,
     limit: float | None = None,
-    without: Sequence[str] = (),
-    besides: Sequence[str] = (),
+    without: str | Sequence[str] = (),
+    besides: str | Sequence[str] = (),
     sensors: str | None = None,
     redundant: bool = False,
     joins: Sequence[type[Agent]] = (),
@@ -172,7 +172,7 @@ def run(
     profile: str | None = None,
     robot: str | None = None,
     namespace: str | None = None,
-    connect: Sequence[str] = (),
+    connect: str | Sequence[str] = (),
     progress: Callable[[RunWatch], None] | None = None,
     show: bool = False,
 ) -> Run:
@@ -193,13 +193,13 @@ def run(
         scenario: A shipped scenario's name, a TOML file, or a `Scenario`.
         virtual: Under a virtual clock, or as processes.
         seed: Of all that is random; by default the scenario's.
-        start: Where the robot starts, instead of where the scenario says: m, m, rad.
-        goal: Where it is to go, likewise; where neither says so, it is sent nowhere.
+        start: Pose to start from (x, y, theta) in m, m, rad; by default the scenario's.
+        goal: Pose to drive to, likewise; without any, the robot is sent nowhere.
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
-        without: Agents that take no part.
-        besides: Agents that take part, too, by their names; installed.
-        sensors: How well the simulated robot senses; by default as the scenario says, real. With
-            ideal ones nobody localizes.
+        without: Agents that take no part: a name, or several.
+        besides: Agents that take part, too, likewise; installed.
+        sensors: How well the simulated robot senses, real or ideal (by default as the scenario
+            says). With ideal ones the localization agents take no part.
         redundant: Two of each behaviour, whatever the scenario says.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise, collaborative or brisk.
@@ -214,6 +214,7 @@ def run(
 
     Raises:
         ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
+            Also a pose that has not three numbers, or whose heading is not in rad.
         UnknownNameError: No such agent is installed.
         AgentFailedError: An agent's own code raised, in a virtual run; with file and line.
         MissionRefusedError: There is no way, or the robot's pose is not known.
@@ -240,8 +241,8 @@ def run(
         exchange=exchange,
         parameters=parameters,
         limit=limit,
-        without=tuple(without),
-        besides=tuple(besides),
+        without=several(without),
+        besides=several(besides),
         sensors=sensors,
         redundant=redundant,
         robot=robot,
@@ -249,8 +250,8 @@ def run(
     chosen = prepared(
         given,
         options,
-        start=None if start is None else (start[0], start[1], degrees(start[2])),
-        goal=None if goal is None else (goal[0], goal[1], degrees(goal[2])),
+        start=start,
+        goal=goal,
         profile=profile,
     )
     warnings: list[str] = []
@@ -265,7 +266,7 @@ def run(
     from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
     from armadico.runtime.client import connect as joined  # noqa: PLC0415
 
-    joining = [word for endpoint in connect for word in ("--connect", endpoint)]
+    joining = [word for endpoint in several(connect) for word in ("--connect", endpoint)]
     with (
         joined(namespace, connect=connect) as guest,
         Launcher(chosen, options, guest.mesh, guest.mesh.namespace, joining=joining) as live,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from math import hypot
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
@@ -28,12 +29,17 @@ SAY_S: Final = 1.0
 STOP_S: Final = 3.0
 """What the robot agent may take to confirm the stop."""
 
+EMPTY: Final = "empty"
+"""The world of agents that were launched without any."""
+
 AWAY_M: Final = 0.5
 """A robot farther than this from the scenario's start is reported as elsewhere."""
 
 
 class AttachedRun(LiveRun):
     """Watches a society that is up. Unless the goal is reached, it leaves the robot stopped.
+
+    A robot that has been sent elsewhere meanwhile drives on.
 
     A mission of several tasks that is over, cancelled say, leaves the robot to those after it.
     """
@@ -54,6 +60,9 @@ class AttachedRun(LiveRun):
     ) -> None:
         """Stop the robot, by the latch, if its mission was begun and not ended."""
         watch = self.watch
+        if watch.replaced:  # the robot drives for another
+            self._warn("the robot drives on: its mission is another one")
+            return
         if not watch.mission or (watch.done and (not watch.failed or watch.tasks is not None)):
             return
         with undisturbed(), suppress(MeshError):
@@ -79,6 +88,7 @@ class AttachedRun(LiveRun):
                 f"not there within {self.client.mesh.now() - began:.0f} s: {self._lacking()};"
                 " `armadico up` on its machine starts an agent, `armadico ps` lists alive agents"
             )
+        self._check_world()
         self._check_robot()
 
     def _complete(self) -> bool:
@@ -90,6 +100,18 @@ class AttachedRun(LiveRun):
         cards = (self.client.card(*who) for who in self._robots())
         faults = [card.fault for card in cards if card is not None and card.fault]
         return f"the robot: {faults[0] if faults else 'its agent is there, and says nothing'}"
+
+    def _check_world(self) -> None:
+        """Raise RunFailedError if agents were launched with the map of another world."""
+        mine = Path(self.scenario.world).stem
+        known = {card.world for card in self.client.cards().values() if card is not None}
+        others = sorted(known - {"", EMPTY, mine})
+        if others:
+            raise RunFailedError(
+                f"the society is up in the world {others[0]!r}, and {self.scenario.name} is in"
+                f" {mine!r}; drive a scenario of {others[0]!r}, or end the society"
+                f" (`armadico down`) and start it anew (`armadico up {self.scenario.name}`)"
+            )
 
     def _check_robot(self) -> None:
         robots = [instance for _, instance in self._robots()]

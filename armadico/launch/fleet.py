@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import radians
 
 from msgspec.structs import replace as replaced
 
 from armadico.config.errors import ConfigError
-from armadico.config.scenarios import PoseDeg, Scenario
+from armadico.config.scenarios import Scenario, ScenarioPose
 from armadico.core.messages import FleetReply, FleetRequest, FleetTask, Message, Waypoint
 from armadico.launch.society import Options
 from armadico.launch.virtual import SETTLE_S, Rehearsal
@@ -40,7 +39,7 @@ def robots_of(scenario: Scenario, count: int | None) -> list[Scenario]:
 
     Raises ConfigError for a number that cannot be, or a scenario without tasks.
     """
-    starts: list[PoseDeg] = [scenario.start, *scenario.others]
+    starts: list[ScenarioPose] = [scenario.start, *scenario.others]
     count = len(starts) if count is None else count
     if not scenario.tasks:
         raise ConfigError(
@@ -56,10 +55,7 @@ def robots_of(scenario: Scenario, count: int | None) -> list[Scenario]:
 
 def tasks_of(scenario: Scenario) -> tuple[FleetTask, ...]:
     """The list that a scenario has for a fleet."""
-    return tuple(
-        FleetTask(Waypoint(x, y, radians(heading)), scenario.look_s)
-        for x, y, heading in scenario.tasks
-    )
+    return tuple(FleetTask(Waypoint(*pose), scenario.look_s) for pose in scenario.tasks)
 
 
 def names_of(fleet: str, count: int) -> list[str]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from armadico.config.scenarios import Scenario
+from armadico.core.messages import MissionStatus
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.processes import (
     SIMULATOR,
@@ -27,6 +28,7 @@ from armadico.launch.processes import (
 )
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
+from armadico.observe.measures import UNDER_WAY, Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 
 if TYPE_CHECKING:
@@ -37,6 +39,9 @@ ANSWER_S = 10.0
 
 ALONE_S = 5.0
 """What the agents of one of two runs may take to leave."""
+
+NAMES_S = 3.0
+"""What the name of another society's robot agent may take to be received."""
 
 LOOK_S = 0.1
 
@@ -95,6 +100,29 @@ class Launcher(LiveRun):
         if not self.processes or (error is None and not self._mourned):
             shutil.rmtree(self.logs, ignore_errors=True)  # nobody began, or ended badly: no words
 
+    def run(
+        self,
+        progress: Callable[[RunWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> Result:
+        """See `Run`. Wait for the end of another mission that takes the place of this run's.
+
+        The processes end with the run, and the mission would with them.
+        """
+        result = super().run(progress, warn)
+        if self.watch.replaced:
+            self._warn(
+                "another mission has taken this run's place; all that the run has started stays"
+                " until that one is over, or until Ctrl-C"
+            )
+            while self._under_way():
+                self.wait_on()
+        return result
+
+    def _under_way(self) -> bool:
+        status = self.client.fresh(MissionStatus)
+        return status is not None and status.state in UNDER_WAY
+
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
@@ -121,12 +149,14 @@ class Launcher(LiveRun):
     def _refuse_a_second_run(self) -> None:
         """Of two runs that begin together one drives at most, and only with its own agents."""
         end = self.client.mesh.now() + ALONE_S
+        seen: set[str] = set()  # a card that came once may be late the next time
         while strangers := self._strange_agents():
+            seen.update(strangers)
             self._check_alive()  # an encoder agent that finds another leaves
             if self.client.mesh.now() >= end:
                 raise RunFailedError(
                     f"others came into the namespace {self._namespace!r} meanwhile:"
-                    f" {', '.join(strangers)}; use another one: --namespace NAME"
+                    f" {', '.join(sorted(seen))}; use another one: --namespace NAME"
                 )
             self.client.wait_for(lambda: None, LOOK_S)
 
@@ -187,9 +217,27 @@ class Launcher(LiveRun):
         for process in self.processes:
             if process.ended():
                 said = f"{ending(process.popen.returncode)}:\n{process.last_words()}"
-                if process.popen.returncode == MISUSED and self._is_alive(process.name):
-                    said += f"\nA society is up in that namespace: {INSTEAD}"
+                if process.popen.returncode == MISUSED:
+                    said += self._company(process.name)
                 raise RunFailedError(f"{process.name} ended with {said}")
+
+    def _company(self, name: str) -> str:
+        """What to say of the society in whose way an agent was; empty if there is none.
+
+        The agent may have received tokens and cards that have not come here yet: they are waited
+        for, `NAMES_S` at most.
+        """
+        ours = {process.popen.pid for process in self.processes}
+
+        def robot() -> str:
+            cards = (self.client.card(*who) for who in self._robots())
+            return next((c.instance for c in cards if c is not None and c.pid not in ours), "")
+
+        found = self.client.wait_for(robot, NAMES_S)
+        if not found and not self._is_alive(name):
+            return ""
+        whose = f", with the robot agent {found}" if found else ""
+        return f"\nA society is up in the namespace {self._namespace!r}{whose}: {INSTEAD}"
 
     def _is_alive(self, name: str) -> bool:
         """Whether somebody's agent of that name is."""

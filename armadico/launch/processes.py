@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from math import degrees
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     import psutil
 
     from armadico.config.scenarios import Scenario
+    from armadico.core.geometry import Pose2
     from armadico.launch.society import Member
 
 START_S: Final = 20.0
@@ -152,11 +154,10 @@ def simulator_words(
     `also` are the namespaces of the scenario's other robots, those that take part.
     """
     others = [
-        str(word)
+        word
         for name, pose in zip(also, scenario.others, strict=False)
-        for word in ("--also", name, *pose)
+        for word in ("--also", name, *_pose_words(pose))
     ]
-    x, y, degrees = scenario.start
     battery = (("charge", scenario.battery.charge), ("capacity", scenario.battery.capacity_ah))
     return [
         "sim",
@@ -166,11 +167,17 @@ def simulator_words(
         f"--sensors={scenario.sensors}",
         f"--robot={scenario.robot}",
         f"--namespace={namespace}",
-        *("--start", str(x), str(y), str(degrees)),
+        *("--start", *_pose_words(scenario.start)),
         *others,
         *(f"--{name}={value}" for name, value in battery if value is not None),
         *(["--moving", msgspec.json.encode(scenario.moving).decode()] if scenario.moving else []),
     ]
+
+
+def _pose_words(pose: Pose2) -> list[str]:
+    """A pose, m, m, rad, as commands take it: with the heading in degrees."""
+    x, y, theta = pose
+    return [str(x), str(y), str(round(degrees(theta), 9))]
 
 
 def agent_words(members: Sequence[Member], namespace: str, *, journal: bool = False) -> list[str]:

@@ -173,7 +173,9 @@ class Run:
         if not any(Correction in agent_class(name).provides for name in self.names):
             return ", since nobody localizes"
         walls = load_world(self.scenario.world).outlines
-        return "" if walls else ", since there is no wall to know the place by"
+        if walls:
+            return ""
+        return ", since there is no wall to localize against; with `--sensors ideal` nothing drifts"
 
     def wait(self, seconds: float) -> None:
         """Let it drive for so long, or until it is done."""
@@ -265,6 +267,11 @@ class LiveRun(Run):
             raise RunFailedError(
                 f"the robot has said nothing for {self._silent_s:g} s; {self.words_of_the_robot()}"
             )
+
+    def wait_on(self) -> None:
+        """Let the society be for a step. Raises RunFailedError if the robot is silent."""
+        self.client.wait_for(lambda: None, self.step_s)
+        self.look()
 
     def words_of_the_robot(self) -> str:
         """What is known of a robot that does not answer."""

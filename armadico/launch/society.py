@@ -25,17 +25,19 @@ from armadico.config.needs import minimum, needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
-    PoseDeg,
     Scenario,
-    ideal,
+    ScenarioPose,
+    check_poses,
     known_sensors,
     mission_of,
     on_mission,
     planned,
+    poses,
     scenario_from,
     sensing,
     society,
     unmapped,
+    with_sensors,
 )
 from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
@@ -93,15 +95,17 @@ def prepared(
     scenario: Scenario,
     options: Options,
     *,
-    start: PoseDeg | None = None,
-    goal: PoseDeg | None = None,
+    start: ScenarioPose | None = None,
+    goal: ScenarioPose | None = None,
     profile: str | None = None,
     mission: str | None = None,
 ) -> Scenario:
-    """The scenario with what was chosen for it: poses, and the make of robot.
+    """The scenario with what was chosen for it: poses (m, m, rad), and the make of robot.
 
     Raises ConfigError for what cannot be driven, UnknownNameError for an agent that nobody has.
     """
+    check_poses({"start": start, "goal": goal})
+    check_poses(poses(scenario))
     if start is not None or goal is not None or profile is not None:
         checked = scenario_from(
             scenario.world,
@@ -110,14 +114,14 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
-    if options.sensors == society().ideal.sensors:
-        scenario = ideal(scenario, options.besides)
+    if options.sensors is not None:
+        scenario = with_sensors(scenario, options.sensors, options.besides)
     scenario = on_mission(scenario, mission)
     more = tuple(name for name in options.besides if name not in scenario.agents)
     scenario = replace(
         scenario,
         agents=(*scenario.agents, *more),
-        sensors=known_sensors(options.sensors or scenario.sensors),
+        sensors=known_sensors(scenario.sensors),
         redundant=options.redundant or scenario.redundant,
     )
     for name in (*scenario.agents, *options.without):
@@ -231,14 +235,14 @@ def facts(
     `social.` is for whoever competes for the wheels; the rest for whoever declares it
     (`Agent.launched_with`), whoever wrote it.
     """
-    x, y, degrees = scenario.start
+    x, y, theta = scenario.start
     return {
         "port": port or None,
         "namespace": options.namespace,
         "profile": scenario.robot,
         "x": x,
         "y": y,
-        "theta": radians(degrees),
+        "theta": theta,
         "start_m": PLACED_M if placed else None,
         "start_rad": PLACED_RAD if placed else None,
         "world": None if unmapped(scenario) else scenario.world,  # they are to find out
@@ -333,9 +337,8 @@ def watch(
     scenario: Scenario, options: Options, mode: str, namespace: str | None = None
 ) -> RunWatch:
     """Who measures the run."""
-    goal = scenario.goal
-    to = None if goal is None else (goal[0], goal[1], radians(goal[2]))
-    return RunWatch(scenario.name, to, options.seed, conditions(scenario, options, mode, namespace))
+    known = conditions(scenario, options, mode, namespace)
+    return RunWatch(scenario.name, scenario.goal, options.seed, known)
 
 
 def conditions(
@@ -373,4 +376,4 @@ def time_limit(length: float, options: Options, tasks: Mission | None = None) ->
 
 
 def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
-    return Waypoint(pose[0], pose[1], radians(pose[2]))
+    return Waypoint(*pose)

@@ -66,10 +66,15 @@ class Topology:
     patience_s: float = float("inf")
 
 
+def several(names: str | Sequence[str]) -> tuple[str, ...]:
+    """Return names as a tuple; a single string is one name, and not its letters."""
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
 def topology(
     *,
-    listen: Sequence[str] = (),
-    connect: Sequence[str] = (),
+    listen: str | Sequence[str] = (),
+    connect: str | Sequence[str] = (),
     host_endpoints: Sequence[str] = (),
     all_endpoints: Sequence[str] = (),
     router: str | None = None,
@@ -92,6 +97,7 @@ def topology(
     if router is not None:
         patience = ROUTER_S if passing else float("inf")
         return Topology(((),), _checked((router,)), client=True, patience_s=patience)
+    listen, connect = several(listen), several(connect)
     own = _checked(host_endpoints) or _from_environment(environ) or WELL_KNOWN
     seeds = _checked(connect) or _checked(all_endpoints) or own
     stranger = bool(connect or (all_endpoints and not host_endpoints))  # not in the table

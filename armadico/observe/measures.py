@@ -46,6 +46,9 @@ from armadico.observe.view import View, agent_of
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 
+UNDER_WAY = (MissionState.PLANNING, MissionState.DRIVING)
+"""The states of a mission that the robot is still on."""
+
 SHOWN_RAYS = 40
 """Of a scan, in a picture."""
 
@@ -184,6 +187,7 @@ class RunWatch:
     done: bool = False
     failed: str = ""  # why a mission or an exploration ended otherwise than asked
     waits: str = ""  # why a mission is not driven now
+    replaced: bool = False  # another mission has taken the place of this run's
     explored: ExploreStatus | None = None
     tasks: BoardMission | None = None  # a mission of several tasks
     grid: OccupancyGrid | None = None  # the map made by driving
@@ -200,6 +204,7 @@ class RunWatch:
     _controller: str = ""
     _began: float | None = None
     _true: bool = False  # by the truth
+    _reported: bool = False  # a status of this run's mission has been received
 
     def begin(self, mission: int = 0) -> None:
         """The mission is taken on; 0: there is none."""
@@ -350,9 +355,13 @@ class RunWatch:
 
     def _take_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
+            self._reported = True
             self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
             self.failed = status.note if status.state is MissionState.FAILED else ""
             self.waits = "" if self.done else status.note
+        elif self._reported and status.state in UNDER_WAY:
+            self.done = self.replaced = True
+            self.failed, self.waits = "another mission has taken its place", ""
 
     def _take_board(self, board: Board) -> None:
         if self.tasks is not None and all(m.mission != self.mission for m in board.missions):

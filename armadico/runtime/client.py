@@ -34,6 +34,7 @@ from armadico.core.messages import (
     MissionStatus,
     ParametersReply,
     ParametersRequest,
+    Pose,
     RobotState,
     Setting,
     Waypoint,
@@ -67,6 +68,9 @@ FIND_S: Final = 3.0
 PLANNING_S: Final = 30.0
 """How long its answer may take once it is alive."""
 
+POSE_S: Final = 1.0
+"""How long the robot's pose is waited for, of which a goal without a heading takes its own."""
+
 REFUSED_S: Final = 0.5
 """How long until a mission that was refused is asked for again, if it is."""
 
@@ -81,13 +85,18 @@ PRESS_S: Final = 0.1
 """How often a stop is published until it is acknowledged, and while that is looked at."""
 
 
+def heading_to(x: float, y: float, pose: Pose | None) -> float:
+    """The heading of a straight line from a robot's pose to a place (m), rad; 0 without a pose."""
+    return 0.0 if pose is None else math.atan2(y - pose.y, x - pose.x)
+
+
 @contextmanager
 def connect(
     namespace: str | None = None,
     *,
     hosts: str | Path | None = None,
-    connect: Sequence[str] = (),
-    listen: Sequence[str] = (),
+    connect: str | Sequence[str] = (),
+    listen: str | Sequence[str] = (),
 ) -> Iterator[Client]:
     """Be a guest in a society that is up, here or elsewhere, for as long as the block lasts.
 
@@ -232,13 +241,16 @@ class Client:
 
     # The robot ------------------------------------------------------------------------------------
 
-    def goto(self, x: float, y: float, theta: float = 0.0, *, direct: bool = False) -> Mission:
+    def goto(
+        self, x: float, y: float, theta: float | None = None, *, direct: bool = False
+    ) -> Mission:
         """Send the robot to a pose (m, m, rad); returns as soon as the mission is accepted.
 
             mission = guest.goto(4.0, 2.0, math.pi / 2)
             mission.wait(timeout=60.0)
 
-        The way is the path planner's, unless it is to be `direct`.
+        Without a heading the robot is to look from where it is now towards the goal. The way is the
+        path planner's, unless it is to be `direct`.
 
         Raises:
             AbsentError: There is no interface agent.
@@ -246,6 +258,8 @@ class Client:
             MessageError: A pose that is no place.
         """
         self.listen(MissionStatus, RobotState)
+        if theta is None:
+            theta = heading_to(x, y, self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
         return Mission(self, self.hand_over(MissionRequest(goal, planned=not direct)))
 

@@ -227,18 +227,15 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     world = load_world(args.world)
     if warning := bare(args.world):
         options.say(warning)
-    start = (0.0, 0.0, 0.0)
-    if args.start is not None:
-        start = (args.start[0], args.start[1], args.start[2])
-    elif world.start is not None:
-        x, y, theta = world.start
-        start = (x, y, math.degrees(theta))
-    x, y, heading = start
+    start = world.start or (0.0, 0.0, 0.0)
+    x, y, heading = args.start or (*start[:2], 0.0)
     if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
         raise options.UsageError(
             f"--start {x:g} {y:g} {heading:g}: expected m and m within {WORLD_M:g} m, and -360 to"
             " 360 degrees"
         )
+    if args.start is not None:
+        start = (x, y, math.radians(heading))
     moving = _moving(args.moving)
     radius = load_profile(args.robot).body.circle_m
     for each in moving:
@@ -271,7 +268,7 @@ def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
             raise options.UsageError(
                 f"--also {namespace} {said}: expected m and m within {WORLD_M:g} m, and degrees"
             )
-        found.append((x, y, heading))
+        found.append((x, y, math.radians(heading)))
     names = [args.namespace, *(also[0] for also in args.also)]
     if len(set(names)) < len(names):
         raise options.UsageError(f"--also: two robots in one namespace, of {', '.join(names)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import radians
 
 from msgspec.structs import replace
 
@@ -26,8 +25,7 @@ def of_scenario(
     Its controller has a name of its own where other simulators may be about. `traps` are those of
     controllers that speak P2OS.
     """
-    x, y, degrees = scenario.start
-    start = (x, y, radians(degrees))
+    start = scenario.start
     profile, world = load_profile(scenario.robot), load_world(scenario.world)
     capacity_ah = scenario.battery.capacity_ah or profile.battery.capacity_ah
     profile = replace(profile, battery=replace(profile.battery, capacity_ah=capacity_ah))

@@ -263,7 +263,7 @@ def test_whoever_dies_on_the_way_into_the_dock_it_is_charged(name: str, when: Ch
 
 def test_a_charger_that_dies_while_it_backs_out_leaves_a_robot_that_drives_on() -> None:
     x, y, theta = load_world("house").docks["dock"]
-    society = Society(0.7, capacity_ah=2.0, start=(x, y, degrees(theta)))
+    society = Society(0.7, capacity_ah=2.0, start=(x, y, theta))
     society.run(3.0)
     assert society.state is ChargeState.CHARGING
     society.sender.goals = [E]

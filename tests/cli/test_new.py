@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -16,15 +17,33 @@ from tests.programs import Done, call
 
 NAMES = {kind: f"own-{kind}" for kind in KINDS}
 
+OUT_OF_RANGE = {"own-behaviour": "speed=-3", "own-sensor": "width=-1", "own-planner": "keep_off=-1"}
+"""A parameter of each, set to what makes no sense."""
+
+REFUSED = """
+import sys
+from armadico import ConfigError
+from armadico.config.discovery import agent_class
+from armadico.config.loading import load_parameters
+name, setting = sys.argv[1:]
+try:
+    print("taken:", load_parameters(agent_class(name).parameters, None, [setting]))
+except ConfigError as error:
+    print(error)
+"""
+
+EDITABLE = "from setuptools.build_meta import build_editable; build_editable('../wheel')"
+"""What `pip install -e .` has the build backend make."""
+
 
 def new(folder: Path, *words: str) -> Done:
     return call("new", "agent", *words, "--into", str(folder))
 
 
 def python(folder: Path, *words: str) -> str:
-    """What a module of Python's says in a folder where the packages are installed."""
+    """What Python says in a folder where the packages are installed."""
     done = subprocess.run(
-        [sys.executable, "-m", *words],
+        [sys.executable, *words],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": str(folder / "site"), "TMPDIR": str(folder)},
         capture_output=True,
@@ -44,20 +63,43 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
         module = name.replace("-", "_")
         written = sorted(path.name for path in (tmp_path / name).iterdir())
         assert written == [f"{module}.py", "pyproject.toml", f"test_{module}.py"]
-    python(tmp_path, "ruff", "check", "--isolated", "--select=E,F,I,N,W", "--line-length=100", ".")
-    python(tmp_path, "ruff", "format", "--isolated", "--check", "--line-length=100", ".")
+    python(
+        tmp_path,
+        "-m",
+        "ruff",
+        "check",
+        "--isolated",
+        "--select=E,F,I,N,W",
+        "--line-length=100",
+        ".",
+    )
+    python(tmp_path, "-m", "ruff", "format", "--isolated", "--check", "--line-length=100", ".")
     folders = [f"./{name}" for name in NAMES.values()]
     quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
-    python(tmp_path, "pip", "install", *quietly, *folders)
-    listed = python(tmp_path, "armadico", "agent", "--list")
+    python(tmp_path, "-m", "pip", "install", *quietly, *folders)
+    listed = python(tmp_path, "-m", "armadico", "agent", "--list")
     assert {f"The {name} agent" in listed for name in NAMES.values()} == {True}
-    said = python(tmp_path, "pytest", "-q", "-n0", "-p", "no:cacheprovider", *folders)
+    said = python(tmp_path, "-m", "pytest", "-q", "-n0", "-p", "no:cacheprovider", *folders)
     assert "4 passed" in said
+    for name, setting in OUT_OF_RANGE.items():
+        refused = python(tmp_path, "-c", REFUSED, name, setting)
+        assert refused.startswith(f"--set {setting}: "), refused
+
+
+def test_beside_the_folder_the_module_is_imported_and_not_the_folder(tmp_path: Path) -> None:
+    """A folder of the module's name is a namespace package: it hides modules of import hooks."""
+    assert new(tmp_path, "weaver").returncode == 0
+    (tmp_path / "wheel").mkdir()
+    python(tmp_path / "weaver", "-c", EDITABLE)
+    with ZipFile(next((tmp_path / "wheel").iterdir())) as wheel:
+        wheel.extractall(tmp_path / "editable")
+    call = "import site; site.addsitedir('editable'); import weaver; print(weaver.Weaver.name)"
+    assert python(tmp_path, "-c", call) == "weaver\n"
 
 
 def test_the_first_kind_is_half_a_page() -> None:
     text = package("weaver", "behaviour")["weaver.py"]
-    assert text.count("\n") <= 37
+    assert text.count("\n") <= 38
 
 
 def test_what_is_to_be_typed_next_is_said_and_a_planner_takes_the_others_place(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import signal
 import socket
+import subprocess
 import urllib.error
 import urllib.request
 
@@ -66,6 +68,50 @@ def test_beside_a_run_it_is_for_one_live_run(
 ) -> None:
     assert armadico(["run", "sc1", "--page", *words]) == 2
     assert "--page is for one live run" in capsys.readouterr().err
+
+
+def page_of(process: subprocess.Popen[str]) -> str:
+    """The page's link, of a command that prints it first, on standard error."""
+    assert process.stderr is not None
+    found = LINK.fullmatch(process.stderr.readline())
+    assert found is not None, process.communicate()
+    return found[1]
+
+
+def read(link: str) -> bytes:
+    with urllib.request.urlopen(link, timeout=10.0) as answer:
+        return bytes(answer.read())
+
+
+@pytest.mark.live
+def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
+    with starter() as start:
+        process = start("up", "sc1", "--page", "--namespace=p")
+        link = page_of(process)
+        assert process.stdout is not None
+        assert " is up after " in process.stdout.readline()
+        assert b"<html" in read(link)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 0, errors
+        with pytest.raises(urllib.error.URLError):
+            read(link)
+
+
+@pytest.mark.live
+def test_beside_a_run_it_stays_with_the_society_when_the_goal_is_reached() -> None:
+    with starter() as start:
+        goal = ("--goal", "0.3", "0", "0")
+        process = start("run", "sc1", *goal, "--page", "--no-plot", "--json", "--namespace=p")
+        link = page_of(process)
+        assert process.stderr is not None
+        said = iter(process.stderr.readline, "")
+        assert any("the run is over, the society and its page stay" in line for line in said)
+        assert b"<html" in read(link)
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=60)
+        assert process.returncode == 0, errors
+        assert json.loads(out)["reached"]
 
 
 @pytest.mark.live

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import pi
 from pathlib import Path
 
 import pytest
@@ -81,7 +82,7 @@ def test_a_robot_that_starts_elsewhere_knows_where_and_so_does_its_simulator() -
     sets = next(member.sets for member in found.members if member.name == "encoder")
     assert {"x=1.5", "y=3.0", "theta=1.5707963267948966"} <= {*sets}
     assert found.simulated is not None
-    assert found.simulated.start == (1.5, 3.0, 90.0)
+    assert found.simulated.start == (1.5, 3.0, pi / 2)
 
 
 @pytest.mark.parametrize(

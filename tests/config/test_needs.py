@@ -9,7 +9,7 @@ import pytest
 from armadico.config.discovery import AGENTS, installed
 from armadico.config.errors import ConfigError
 from armadico.config.needs import needs, table, tasks
-from armadico.config.scenarios import exploring, ideal, load_scenario, society
+from armadico.config.scenarios import exploring, ideal, load_scenario, society, with_sensors
 
 SC4 = load_scenario("sc4")
 
@@ -38,7 +38,8 @@ def test_several_tasks_need_all_that_each_of_them_does_once_and_the_robot_first(
     [
         (SC4, ("move", "localize")),
         (ideal(SC4), ("move",)),
-        (load_scenario("sc1"), ("drive", "localize")),
+        (load_scenario("sc1"), ("drive",)),
+        (with_sensors(load_scenario("sc1"), "real"), ("drive", "localize")),
         (exploring(SC4), ("explore",)),
         (None, ("move", "localize")),
     ],

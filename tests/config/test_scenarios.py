@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from math import degrees, hypot
+from math import hypot, pi
 from pathlib import Path
 
 import msgspec
@@ -12,7 +12,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError
-from armadico.config.loading import names, resource_path
+from armadico.config.loading import document, find, names, read_text, resource_path
 from armadico.config.mapwriter import write_map
 from armadico.config.profile import POSE_M, load_profile
 from armadico.config.scenarios import (
@@ -20,11 +20,13 @@ from armadico.config.scenarios import (
     Scenario,
     _misplaced,
     blind,
+    ideal,
     load_scenario,
     on_mission,
     planned,
     scenario_from,
     society,
+    with_sensors,
 )
 from armadico.config.worlds import DOCK_LANE_M, load_world
 
@@ -54,6 +56,29 @@ def test_the_thesis_experiments_are_all_there() -> None:
     every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
     assert sorted([*every, "fleet", "floor-people", "surveillance"]) == SHIPPED
     assert names("worlds") == sorted(["empty", "hall", "surveillance", *every])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scenario_names_its_sensors_and_is_ideal_without_walls(name: str) -> None:
+    path = find("scenarios", name)
+    assert "sensors" in document(read_text(path), path)
+    scenario = load_scenario(name)
+    if not load_world(scenario.world).outlines:
+        assert scenario.sensors == "ideal"
+
+
+def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents() -> None:
+    everybody, spared = society().agents, set(society().ideal.without)
+    sc1 = load_scenario("sc1")
+    assert set(sc1.agents) == set(everybody) - spared
+    assert with_sensors(sc1, "real").agents == everybody
+    assert with_sensors(sc1, "ideal") == ideal(sc1) == sc1
+    named = replace(sc1, agents=("encoder", "localization", "goto"))
+    assert with_sensors(named, "real").agents == named.agents
+    fleet = load_scenario("fleet")
+    assert with_sensors(fleet, "real").agents == fleet.agents
+    with pytest.raises(ConfigError, match="no sensors 'rael'"):
+        with_sensors(sc1, "rael")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -141,8 +166,8 @@ def test_a_scenario_starts_where_its_world_says(name: str) -> None:
 def test_files_need_only_say_what_is_special() -> None:
     scenario = load_scenario("sc1")
     assert scenario.name == "sc1"
-    assert scenario.agents == society().agents
-    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "real")
+    assert scenario.agents == ideal(Scenario(world="sc1", start=(0, 0, 0))).agents
+    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "ideal")
     assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
 
 
@@ -341,7 +366,7 @@ def test_an_unknown_scenario_lists_what_there_is() -> None:
 
 def test_a_goal_is_a_pose_or_a_name() -> None:
     by_name = scenario_from("sc4", goal="B")
-    by_pose = scenario_from("sc4", (3.4, 0.6, 90.0), (7.4, 0.7, -90.0))
+    by_pose = scenario_from("sc4", (3.4, 0.6, pi / 2), (7.4, 0.7, -pi / 2))
     assert by_name == by_pose
     assert planned(by_name)
     assert not planned(scenario_from("sc1", goal="goal"))
@@ -470,7 +495,7 @@ def test_every_robot_can_drive_into_every_dock(name: str) -> None:
     assert world.start is not None
     x, y, theta = world.start
     for robot in ("pioneer-2dx", "amigobot"):
-        scenario_from(name, (x, y, degrees(theta)), robot=robot)
+        scenario_from(name, (x, y, theta), robot=robot)
 
 
 def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from msgspec.structs import replace
 
 import armadico
 from armadico.config.scenarios import Scenario, ideal, load_scenario
@@ -49,9 +50,8 @@ def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_path_has_a_pose_for_each_time_from_the_start_to_the_goal(sc4: Run) -> None:
-    x, y, heading = sc4.scenario.start
     assert sc4.path.shape == (len(sc4.times), 3)
-    assert sc4.path[0] == pytest.approx((x, y, heading * pi / 180), abs=0.02)
+    assert sc4.path[0] == pytest.approx(sc4.scenario.start, abs=0.02)
     assert hypot(*(sc4.path[-1, :2] - sc4.scenario.goal[:2])) < 0.15
     assert sc4.times[0] == 0.0
     assert np.all(np.diff(sc4.times) > 0)
@@ -88,10 +88,44 @@ def test_a_run_that_never_moved_has_an_empty_path() -> None:
     assert nowhere.holders == ()
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"goal": (1, 2)}, "goal (1, 2): expected finite x and y in m and a heading in rad"),
+        ({"start": (0, 0, float("nan"))}, "start (0, 0, nan): expected finite"),
+        ({"goal": (1, 1, 90)}, "goal (1, 1, 90): the heading is in rad"),
+        ({"scenario": replace(SHORT, goal=(1, 0, -90))}, "of degrees it is math.radians(-90)"),
+        ({"scenario": replace(SHORT, waypoints=((1, 0),))}, "waypoint 1 (1, 0): expected finite"),
+        ({"without": "gotoo"}, "no agent 'gotoo'; did you mean 'goto'?"),
+        ({"besides": "batery-sensor"}, "no agent 'batery-sensor'"),
+    ],
+)
+def test_poses_and_names_that_will_not_do_are_told_in_words(
+    wrong: dict[str, Any], says: str
+) -> None:
+    with pytest.raises((armadico.ConfigError, armadico.UnknownNameError)) as refused:
+        armadico.run(**{"scenario": SHORT, "virtual": True} | wrong)
+    assert says in str(refused.value)
+
+
+def test_one_name_is_as_good_as_a_list() -> None:
+    done = armadico.run(SHORT, virtual=True, without="sonar", besides="battery-sensor", limit=1.0)
+    taking = {*done.measures.conditions.agents} if done.measures.conditions else set()
+    assert "sonar" not in taking
+    assert {"goto", "battery-sensor"} < taking
+
+
+def test_a_scenario_has_its_headings_in_rad_and_its_file_in_degrees(tmp_path: Path) -> None:
+    file = tmp_path / "there.toml"
+    file.write_text('world = "rooms-a"\nstart = [1, 1, 90]\ngoal = [7, 0.7, -90]\n')
+    scenario = armadico.Scenario(world="rooms-a", start=(1, 1, pi / 2), goal=(7, 0.7, -pi / 2))
+    assert load_scenario(file) == replace(scenario, name="there")
+
+
 def test_poses_are_in_metres_and_radians() -> None:
     done = armadico.run("sc1", virtual=True, start=(0.0, 0.0, pi / 2), goal=(1.0, 0.5, -pi / 2))
-    assert done.scenario.start == pytest.approx((0.0, 0.0, 90.0))
-    assert done.scenario.goal == pytest.approx((1.0, 0.5, -90.0))
+    assert done.scenario.start == (0.0, 0.0, pi / 2)
+    assert done.scenario.goal == (1.0, 0.5, -pi / 2)
     assert done.path[-1, 2] == pytest.approx(-pi / 2, abs=0.1)
 
 

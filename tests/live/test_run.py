@@ -152,6 +152,19 @@ def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
     assert first.poll() is None
 
 
+def test_a_mission_that_is_sent_into_a_run_is_driven_to_its_end(
+    run: Start, observer: Observer
+) -> None:
+    first = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
+    observer.until(observer.driving, "the run is on its way")
+    sent = run("goto", "1.0", "0.5")
+    said, errors = sent.communicate(timeout=SOON)
+    assert "the goal is reached" in said, errors
+    _, errors = first.communicate(timeout=SOON)
+    assert first.returncode == 1
+    assert "another mission has taken this run's place" in errors
+
+
 def test_of_two_runs_that_begin_together_one_at_most_drives(run: Start) -> None:
     both = [run("run", "sc1", "--goal", "0.3", "0", "0", "--no-plot") for _ in range(2)]
     errors = [process.communicate(timeout=2 * SOON)[1] for process in both]

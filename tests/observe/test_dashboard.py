@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 import numpy as np
+import rerun.blueprint as rrb
 from msgspec.structs import replace
 from PIL import Image
 
@@ -26,7 +27,7 @@ from armadico.core.scans import message_of as scan_of
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
-from armadico.observe.dashboard.blueprint import VIEWS
+from armadico.observe.dashboard.blueprint import VIEWS, _right
 from armadico.observe.dashboard.gauges import _rows
 from armadico.observe.dashboard.global_map import PATH_POINTS
 from armadico.observe.dashboard.local_map import png
@@ -483,6 +484,16 @@ def test_losers_are_drawn_in_almost_every_cycle_in_which_they_bid(
     path, rehearsal = run
     goto = Kept(path).values("/robot1/utility/wheels/goto", "scalars")
     assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the cycles
+
+
+def test_the_wheels_have_a_lane_that_no_other_resource_pushes_out() -> None:
+    """At 1280 x 720 there is room for one lane, and lanes are in the order of their names."""
+    (holders,) = (part for part in _right("/robot1").contents if isinstance(part, rrb.Tabs))
+    assert holders.active_tab == 0
+    assert [view.origin for view in holders.contents] == [
+        "/robot1/holders/wheels",
+        "/robot1/holders",
+    ]
 
 
 def test_the_native_viewer_shows_every_view_without_an_error(

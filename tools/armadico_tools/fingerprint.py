@@ -13,9 +13,7 @@ import hashlib
 import sys
 from collections.abc import Sequence
 
-from msgspec.structs import replace
-
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, load_scenario, with_sensors
 from armadico.core.compiled import is_compiled
 from armadico.core.services import SERVICES
 from armadico.launch.society import Options
@@ -46,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options = Options(seed=args.seed, parameters=args.parameters)
         scenario = load_scenario(name)
         if args.sensors is not None:
-            scenario = replace(scenario, sensors=args.sensors)
+            scenario = with_sensors(scenario, args.sensors)
         print(name, fingerprint(scenario, options))
     return 0
 

@@ -8,6 +8,7 @@ from typing import Final
 import rerun.blueprint as rrb
 
 from armadico.config.worlds import World
+from armadico.core.resources import WHEELS
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import TIMELINE
 
@@ -41,6 +42,7 @@ VIEWS: Final = (
     "Robot",
     "Battery (V)",
     "Utilities",
+    "Holder of the wheels",
     "Holders",
     "Speed (m/s)",
     "Turning (rad/s)",
@@ -112,7 +114,11 @@ def _right(root: str) -> rrb.Vertical:
             column_shares=[5, 4],
         ),
         _curves(f"{root}/utility", "Utilities", UTILITY),
-        rrb.StateTimelineView(origin=f"{root}/holders", name="Holders", time_ranges=_window()),
+        rrb.Tabs(  # at 1280 x 720 there is room for one lane: the wheels have it
+            _lanes(f"{root}/holders/{WHEELS.name}", "Holder of the wheels"),
+            _lanes(f"{root}/holders", "Holders"),
+            active_tab=0,
+        ),
         rrb.Horizontal(
             _curves(f"{root}/speed/v", "Speed (m/s)"),
             _curves(f"{root}/speed/w", "Turning (rad/s)", legend=False),
@@ -132,6 +138,11 @@ def _curves(
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
         time_ranges=_window(),
     )
+
+
+def _lanes(origin: str, name: str) -> rrb.StateTimelineView:
+    """A lane for each resource under a path, with its holders over the window."""
+    return rrb.StateTimelineView(origin=origin, name=name, time_ranges=_window())
 
 
 def _window() -> rrb.VisibleTimeRange:

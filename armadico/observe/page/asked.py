@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import atan2, remainder, tau
+from math import remainder, tau
 from typing import Any, Final
 
 from msgspec.structs import replace
@@ -51,7 +51,7 @@ from armadico.observe.page.requests import (
     bits,
 )
 from armadico.observe.view import agent_of
-from armadico.runtime.client import PLANNING_S, PRESS_S, STOP_S
+from armadico.runtime.client import PLANNING_S, PRESS_S, STOP_S, heading_to
 from armadico.runtime.latch import Latching
 
 ANSWER_S: Final = 10.0
@@ -295,9 +295,8 @@ class Asked:
 
     def _goto(self, browser: str, request: Goto) -> None:
         theta = request.theta
-        if theta is None:  # as one walks there
-            pose = self._known.view.pose
-            theta = 0.0 if pose is None else atan2(request.y - pose.y, request.x - pose.x)
+        if theta is None:
+            theta = heading_to(request.x, request.y, self._known.view.pose)
         goal = Waypoint(request.x, request.y, remainder(theta, tau))
 
         def said(reply: MissionReply) -> str:

@@ -88,6 +88,8 @@ def arrived(browser: Browser, x: float, y: float) -> None:
 def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> None:
     page.drag(at(page, 3.4, 1.3))
     arrived(page, 3.4, 1.3)
+    since = page.evaluate("document.querySelector('#exchanges .time').innerText")
+    assert since.endswith(" ago"), since
     here = at(page, 3.2, 1.8)
     page.drag(here, (here[0] + 4, here[1] + 8), (here[0] + 40, here[1]))
     page.until(f"{PARTS}.mission.way?.at(-1)?.[0] < 3.3")

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import psutil
 
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import load_scenario, with_sensors
 from armadico.launch.local import Launcher
 from armadico.launch.processes import SIMULATOR
 from armadico.launch.society import Options
@@ -74,10 +74,11 @@ def drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
 
 def _drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
     seconds = 5.0 if quick else 12.0
+    scenario = with_sensors(load_scenario(SCENARIO), "real")  # the whole society
     with (
         Place("bench") as place,
         closing(place.mesh()) as mesh,
-        Launcher(load_scenario(SCENARIO), Options(), mesh, place.namespace, tied=True) as launcher,
+        Launcher(scenario, Options(), mesh, place.namespace, tied=True) as launcher,
     ):
         launcher.start()
         launcher.begin()

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from armadico.bridge.p2os.commands import Cmd, command, quantity
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.robots import of_scenario
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, load_scenario, with_sensors
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico_tools.bench.figures import Figure, Tell, figure
@@ -36,7 +36,7 @@ def speed(quick: bool, tell: Tell) -> list[Figure]:
     seeds = range(3 if quick else 12)
     figures: list[Figure] = []
     for at, name in enumerate(SCENARIOS):
-        scenario = load_scenario(name)
+        scenario = with_sensors(load_scenario(name), "real")  # the whole society
         whole, robot = [], []
         for seed in seeds:
             rehearsal = Rehearsal(scenario, Options(seed=seed))

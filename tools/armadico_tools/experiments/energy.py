@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import pi, remainder, tau
 from statistics import mean, median
 from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, load_scenario, with_sensors
 from armadico.core.messages import Plan, PlanRequest, Waypoint
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -55,7 +55,7 @@ class Run(Struct, frozen=True):
 
 def ways() -> dict[str, Scenario]:
     """By name, there and back; all as the planner has them."""
-    found = {name: load_scenario(name) for name in SCENARIOS}
+    found = {name: with_sensors(load_scenario(name), "real") for name in SCENARIOS}
     there = {name: replace(one, plan="rooms", waypoints=()) for name, one in found.items()}
     back = {f"{name}, back": turned(there[name]) for name in BACK}
     return {**there, **back}
@@ -65,7 +65,7 @@ def turned(scenario: Scenario) -> Scenario:
     """From the goal to the start, heading out of the goal."""
     assert scenario.goal is not None, "the thesis's scenarios have one"
     x, y, heading = scenario.goal
-    start = (x, y, (heading + 180.0) % 360.0)
+    start = (x, y, remainder(heading + pi, tau))
     return replace(scenario, start=start, goal=scenario.start)
 
 
@@ -140,4 +140,4 @@ def _row(one: Run) -> list[object]:
 
 
 def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
-    return Waypoint(pose[0], pose[1], radians(pose[2]))
+    return Waypoint(*pose)

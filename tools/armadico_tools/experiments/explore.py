@@ -17,7 +17,7 @@ from armadico.agents.methods.grid import Cell, Grid, Margins, nearest, search
 from armadico.agents.methods.mapping import Settings
 from armadico.config.grid_map import FREE, OCCUPIED, Cells, cells_of
 from armadico.config.profile import load_profile
-from armadico.config.scenarios import PoseDeg, exploring, load_scenario
+from armadico.config.scenarios import exploring, load_scenario
 from armadico.config.worlds import Pose, World, load_world
 from armadico.core.messages import MapRequest, OccupancyGrid
 from armadico.launch.society import Options
@@ -70,7 +70,7 @@ class Judged(NamedTuple):
 class Truth:
     """A world in cells, as it is seen from a start."""
 
-    def __init__(self, world: World, start: PoseDeg | Pose, radius: float) -> None:
+    def __init__(self, world: World, start: Pose, radius: float) -> None:
         """What a disc of a radius (m) reaches from there."""
         from scipy.ndimage import label  # noqa: PLC0415 - slow
 
@@ -186,7 +186,7 @@ def _bound(name: str) -> float:
     return greedy(load_world(scenario.world), scenario.start, body.circle_m, Settings().reach_m)
 
 
-def greedy(world: World, start: PoseDeg | Pose, radius: float, reach: float) -> float:
+def greedy(world: World, start: Pose, radius: float, reach: float) -> float:
     """The way of a disc that knows exactly what it sees, all round and so far, m.
 
     It takes the cheapest frontier again and again, as the explore agent does, and goes back. No

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from math import radians
+from math import pi
 from pathlib import Path
 from random import Random
 from statistics import fmean
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
-from armadico.config.scenarios import PoseDeg, Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
 from armadico.core.messages import FleetTask, MissionStatus, Truth, Waypoint
 from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
@@ -52,9 +52,9 @@ WHOLE: Final = 3
 MEET_S: Final = 240.0
 SENSORS: Final = ("ideal", "real")
 GIVEN: Final = ((False, "ideal"), (True, "ideal"), (True, "real"))
-MEETINGS: Final[dict[str, tuple[PoseDeg, PoseDeg]]] = {
-    "door": ((1.5, 2.5, 0.0), (8.5, 2.5, 180.0)),
-    "rooms-a": ((1.8, 0.6, 90.0), (7.2, 1.0, 90.0)),
+MEETINGS: Final[dict[str, tuple[ScenarioPose, ScenarioPose]]] = {
+    "door": ((1.5, 2.5, 0.0), (8.5, 2.5, pi)),
+    "rooms-a": ((1.8, 0.6, pi / 2), (7.2, 1.0, pi / 2)),
 }
 """Where two robots start that are sent to where the other one does: two rooms and a door, which is
 1 m wide; and a world whose rooms are joined by a corridor, 1.5 m wide."""
@@ -253,7 +253,7 @@ def meeting(task: tuple[str, int, bool, str]) -> Meeting:
     """Whole societies, each with a goal of its own; the starts are drawn by the seed."""
     place, seed, gives_way, sensors = task
     rng = Random(seed)
-    starts = [(x, y + rng.uniform(-0.2, 0.2), degrees) for x, y, degrees in MEETINGS[place]]
+    starts = [(x, y + rng.uniform(-0.2, 0.2), theta) for x, y, theta in MEETINGS[place]]
     fleet = with_sensors(load_scenario("fleet"), sensors)
     agents = [name for name in fleet.agents if gives_way or name != "giveway"]
     with TemporaryDirectory() as folder:
@@ -270,14 +270,14 @@ def meeting(task: tuple[str, int, bool, str]) -> Meeting:
     return _met(both, starts, Meeting(place, seed, gives_way, sensors, 0, None, 0))
 
 
-def _met(both: FleetRehearsal, starts: Sequence[PoseDeg], row: Meeting) -> Meeting:
+def _met(both: FleetRehearsal, starts: Sequence[ScenarioPose], row: Meeting) -> Meeting:
     mesh, under_way = both.mesh, {}
     mesh.run(JOIN_S)
     begun = mesh.now
-    for name, (x, y, degrees) in zip(both.names, reversed(starts), strict=True):
+    for name, pose in zip(both.names, reversed(starts), strict=True):
         client = both.robots[name].client
         client.listen(MissionStatus, Truth)
-        under_way[name] = client.goto(x, y, radians(degrees))
+        under_way[name] = client.goto(*pose)
     while under_way and mesh.now < begun + MEET_S:
         mesh.run(mesh.now + 0.5)
         for name, mission in list(under_way.items()):

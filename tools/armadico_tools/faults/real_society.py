@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from math import radians
 from pathlib import Path
 from typing import Final, Self, TypeVar
 
@@ -354,5 +353,4 @@ def _goals(scenario: Scenario) -> deque[Waypoint]:
         return deque([Waypoint(FAR_M, 0.0, 0.0)])
     there = mission(scenario)
     assert there is not None, "faults are injected on the way to a goal"
-    x, y, degrees = scenario.start
-    return deque([there.goal, Waypoint(x, y, radians(degrees))])
+    return deque([there.goal, Waypoint(*scenario.start)])

@@ -10,7 +10,7 @@ import traceback
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot, radians
+from math import hypot
 from random import Random
 from typing import Any, Final
 
@@ -285,8 +285,7 @@ def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
     """The missions to the scenario's goal, and back to its start."""
     there = mission(rehearsal.scenario)
     assert there is not None, "faults are injected on the way to a goal"
-    x, y, heading = rehearsal.scenario.start
-    back = Waypoint(x, y, radians(heading))
+    back = Waypoint(*rehearsal.scenario.start)
     return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
 
 

@@ -197,7 +197,7 @@ function exchanges() {
     const told = e.to === null ? ["lets go"] : [dot(colourOf(e.to) ?? "gray"), node("b", { textContent: e.to })];
     child.className = "";
     child.replaceChildren(node("div", { class: "row" },
-      node("span", { class: "time", textContent: e.ago }),
+      node("span", { class: "time", textContent: `${e.ago} ago` }),
       node("span", { class: "soft", textContent: e.from ?? "nobody" }), node("span", { textContent: "→", ariaLabel: "to" }), ...told,
       node("span", { class: "grow" }),
       e.utility !== undefined ? node("span", { class: "num", textContent: e.utility.toFixed(2) }) : "",
