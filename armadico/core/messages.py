@@ -1378,6 +1378,7 @@ class HostShare(Message, frozen=True):
 
     `needs` are the agents of the whole society that what was asked for cannot do without, those of
     other hosts too. A host that leaves in order says so: what it kept up is then missed by nobody.
+    `load` tells whoever waits for its agents how much longer everything takes there.
     """
 
     instance: Name  # of the wakeup agent
@@ -1386,6 +1387,8 @@ class HostShare(Message, frozen=True):
     can: tuple[Name, ...] = ()  # agents that it would start besides, if asked to
     needs: tuple[Name, ...] = ()
     leaving: bool = False
+    load: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
+    """Runnable processes per core, on average over the last minute; 0: not known."""
 
 
 class WakeupOrder(StrEnum):
