@@ -1223,7 +1223,10 @@ PLACES: Final = 256
 
 
 class SubplanRequest(Message, frozen=True):
-    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?"""
+    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?
+
+    Only those answer whose card has its `surprise` among its `plans`.
+    """
 
     id: Bits64
     mission: Bits64
@@ -1233,6 +1236,9 @@ class SubplanRequest(Message, frozen=True):
     before: Steps
     ahead: Steps  # of the mission as it stands
     places: Annotated[tuple[NamedPlace, ...], Meta(max_length=PLACES)] = ()  # that it can move to
+    surprise: Label = "alarm"
+    """Also `battery` (the energy will not do for the way ahead), `blocked` (no way to where the
+    first step `ahead` moves) and `failed` (that step has failed otherwise)."""
 
 
 class Subplan(Message, frozen=True):
@@ -1281,6 +1287,8 @@ class Card(Message, frozen=True):
     fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
     doubts: Text = ""  # what it works by that may be wrong,
     learnt: Text = ""  # and what it has estimated of the robot while it drove
+    plans: tuple[Text, ...] = ()
+    """The kinds of surprise that it plans for, if it is a planner agent."""
 
 
 class BidRecord(Message, frozen=True):
