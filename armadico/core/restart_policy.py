@@ -28,8 +28,9 @@ NEWCOMER_S: Final = 3.0
 That is for people to mend."""
 
 
-SLOWEST: Final = 8.0
-"""A loaded machine multiplies limits by this at most: a hung process is killed in the end."""
+SLOWEST: Final = 2.5
+"""A loaded machine multiplies limits by this at most: who hangs must be found there, too, and light
+processes are scheduled soon even where many wait."""
 
 
 def slower(load: float) -> float:

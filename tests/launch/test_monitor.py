@@ -263,7 +263,7 @@ def test_on_a_loaded_machine_everything_may_take_longer() -> None:
     society.let_pass(2.0)
     node = society.mesh.node("goto")
     FAULTS["deaf"](node)
-    society.let_pass(12.0)
+    society.let_pass(10.0)
     assert (society.notes, society.more()) == ([], {})
     society.back("goto", 8.0)
 
