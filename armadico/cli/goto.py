@@ -22,6 +22,7 @@ EXAMPLES: Final = """\
   armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, as the path planner says
   armadico goto -1 0.5 -90
   armadico goto 4 2 90 --direct    straight there, with no plan
+  armadico goto 4 2 90 --from 1 1 0   and the robot stands at x 1 m, y 1 m, heading 0
 """
 
 
@@ -36,7 +37,8 @@ def main(argv: Sequence[str]) -> int:
         with mesh, ExitStack() as stack:
             client = Client(mesh)
             heading = math.radians(args.heading)
-            mission = client.goto(args.x, args.y, heading, direct=args.direct)
+            start = args.start and (*args.start[:2], math.radians(args.start[2]))
+            mission = client.goto(args.x, args.y, heading, direct=args.direct, start=start)
             show = _shower(stack, mission.length)
             if not mission.wait(args.timeout, lambda m: show(m.to_go or 0.0, _remark(m, client))):
                 late = f"not there after {args.timeout:g} s; the mission goes on"
@@ -62,6 +64,14 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("y", type=_metres, metavar="Y", help="m")
     made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
+    made.add_argument(
+        "--from",
+        dest="start",
+        nargs=3,
+        type=_number,
+        metavar=("X", "Y", "DEG"),
+        help="where the robot stands now (default: where its pose has it)",
+    )
     options.add_timeout(made, "give up waiting after this")
     options.add_mesh_options(made)
     return made

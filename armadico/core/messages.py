@@ -353,6 +353,14 @@ class Origin(Latched, frozen=True):
         return self.counter, self.by
 
 
+class InitialPose(Message, frozen=True):
+    """Where the robot stands in the world, m, m and rad, as people told the interface agent."""
+
+    x: Based
+    y: Based
+    theta: Real
+
+
 class Setting(Message, frozen=True):
     """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
 
@@ -726,6 +734,7 @@ class MissionRequest(Message, frozen=True):
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
     replaces: Bits64 | None = None  # the only mission that it may take the place of; None: any
+    start: Waypoint | None = None  # where the robot stands, if people know better than its pose
 
 
 class MissionReply(Message, frozen=True):

@@ -232,13 +232,22 @@ class Client:
 
     # The robot ------------------------------------------------------------------------------------
 
-    def goto(self, x: float, y: float, theta: float = 0.0, *, direct: bool = False) -> Mission:
+    def goto(
+        self,
+        x: float,
+        y: float,
+        theta: float = 0.0,
+        *,
+        direct: bool = False,
+        start: tuple[float, float, float] | None = None,
+    ) -> Mission:
         """Send the robot to a pose (m, m, rad); returns as soon as the mission is accepted.
 
             mission = guest.goto(4.0, 2.0, math.pi / 2)
             mission.wait(timeout=60.0)
 
-        The way is the path planner's, unless it is to be `direct`.
+        The way is the path planner's, unless it is to be `direct`. `start` tells the robot where
+        it stands now (m, m, rad), if that is known better than by its pose.
 
         Raises:
             AbsentError: There is no interface agent.
@@ -247,7 +256,9 @@ class Client:
         """
         self.listen(MissionStatus, RobotState)
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
-        return Mission(self, self.hand_over(MissionRequest(goal, planned=not direct)))
+        here = None if start is None else Waypoint(*start[:2], math.remainder(start[2], math.tau))
+        request = MissionRequest(goal, planned=not direct, start=here)
+        return Mission(self, self.hand_over(request))
 
     def hand_over(
         self,
