@@ -9,13 +9,12 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.errands import BITS, Errand, PlanDesk, Stage
+from armadico.agents.methods.errands import Errand, PlanDesk, Stage
 from armadico.agents.methods.utility import (
     CHARGE_ASKED,
     CHARGE_NOW,
     CHARGE_SOON,
     PEOPLES,
-    of_mission,
     ramp_down,
 )
 from armadico.config.profile import load_profile
@@ -29,24 +28,19 @@ from armadico.core.geometry import compose, relative
 from armadico.core.messages import (
     BatteryAlarm,
     BatteryLevel,
-    Board,
     ChargeRequest,
     ChargeState,
     ChargeStatus,
     EnergyReply,
     EnergyRequest,
     Message,
-    MissionEnd,
     MissionReply,
-    MissionState,
     MissionStatus,
     Plan,
     Planned,
-    Point,
     Pose,
     RobotState,
     Trajectory,
-    Way,
     Waypoint,
     line,
 )
@@ -149,8 +143,6 @@ class BatteryCharger(Agent):
         self._note = ""
         self._level_at: float | None = None
         self._dead = self._warned = False
-        self._standing: Way | None = None  # what holds the trajectory while nothing is driven,
-        self._stands = False  # once its end is reached: where the robot was
         self._said_at = -inf
         self._until, self._sent_at = 0.0, -inf  # the share that was asked for, and when
         self._foreign = False  # somebody else has the robot driven somewhere
@@ -176,8 +168,7 @@ class BatteryCharger(Agent):
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Where the robot is driven, by whomever."""
         self.errand.trajectory(trajectory)
-        own = {self.errand.way, self._standing.id if self._standing else 0}
-        self._foreign = bool(trajectory.waypoints) and trajectory.mission not in own
+        self._foreign = bool(trajectory.waypoints) and trajectory.mission not in self.errand.ways
 
     def on_planned(self, planned: Planned) -> None:
         """A plan was made, of the way or of another."""
@@ -187,8 +178,6 @@ class BatteryCharger(Agent):
     def on_mission_status(self, status: MissionStatus) -> None:
         """How far the way has come."""
         self.errand.status(status)
-        if self._standing is not None and status.mission == self._standing.id:
-            self._stands = status.state is MissionState.REACHED
 
     def on_pose(self, pose: Pose) -> None:
         """Follow the way that is driven."""
@@ -237,11 +226,6 @@ class BatteryCharger(Agent):
         if utility <= 0.0:
             self.why = "there is energy enough"
             return None
-        if self.errand.stage is Stage.REACHED and self.errand.driven is not None:
-            return Bid(utility, self.errand.driven, critical, reason="lined up with the dock")
-        if self._standing is not None:
-            reason = f"{self._state.value}: {100.0 * self._share:.0f} %"
-            return Bid(utility, self._standing, critical, reason=reason)
         return self.errand.bid_for(resource, utility, critical=critical)
 
     @property
@@ -261,16 +245,7 @@ class BatteryCharger(Agent):
                 least = self._needed * p.more + p.reserve * self._full_j
                 worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, CHARGE_SOON))
         worth = max(worth, CHARGE_ASKED if sent else 0.0)
-        return 0.0 if worth < self._others else worth
-
-    @property
-    def _others(self) -> float:
-        """What charging must be worth at least, by what the robot is wanted for now."""
-        board = self.memory.newest(Board)
-        missions = () if board is None else board.missions
-        active = [m for m in missions if m.state is MissionEnd.ACTIVE]
-        under_way = [of_mission(mission.priority) for mission in active]
-        return max(under_way, default=PEOPLES if self._foreign else 0.0)
+        return 0.0 if self._foreign and worth < PEOPLES else worth  # people do not bid
 
     @property
     def _critical(self) -> bool:
@@ -319,7 +294,8 @@ class BatteryCharger(Agent):
         if self._state is ChargeState.LEAVING:
             self._leave(pose)
         elif self._foreign and lane is not None and (state.charging or self._docked):
-            self._dock, self._attempt, self._standing = lane, 0, None
+            self._dock, self._attempt = lane, 0
+            self.errand.drop()
             self._became(ChargeState.LEAVING)
         elif self._state is ChargeState.DOCKING:
             self._watch_docking(state, pose)
@@ -328,7 +304,7 @@ class BatteryCharger(Agent):
                 self._dock = lane or self._dock
                 self._arrive(pose)
         elif self._state is ChargeState.CHARGING:
-            self._standing = None
+            self.errand.drop()
             self._became(ChargeState.NONE)
         elif self.utility <= 0.0:
             self._give_up()
@@ -343,10 +319,8 @@ class BatteryCharger(Agent):
         return self._state in (ChargeState.CHARGING, ChargeState.DOCKING)
 
     def _give_up(self) -> None:
-        if self._state is not ChargeState.NONE:
-            self.errand.drop()
-            self._standing = None
-            self._became(ChargeState.NONE)
+        self.errand.drop()
+        self._became(ChargeState.NONE)
 
     def _drive(self, pose: Pose, state: RobotState) -> None:
         """To where the robot lines up with the nearest dock."""
@@ -361,26 +335,27 @@ class BatteryCharger(Agent):
             self._shun(errand.note)
             errand.drop()
             self._became(ChargeState.NONE)
-        elif not errand.under_way:
-            if pose.deviation > LOST_M:
-                self._dock = self._dock or next(iter(self._docks))
-                self._set_out(pose, state)
-            elif not self._desk.busy and self._needed is None:
-                # Nobody else gets the planner while it asks: a way that was not there may take long
-                if self.now - self._needed_at > self.p.again_s:
-                    self._seek(pose)
-            elif self._needed is not None and self._dock and self._dock not in self._shunned:
-                self._set_out(pose, state)
+        elif errand.under_way:
+            driven = errand.stage is Stage.DRIVING
+            self._became(ChargeState.TO_DOCK if driven else ChargeState.NONE)
+        elif pose.deviation > LOST_M:
+            self._dock = self._dock or next(iter(self._docks))
+            self._set_out(pose, state)
+        elif not self._desk.busy and self._needed is None:
+            # Nobody else gets the planner while it asks: a way that was not there may take long
+            if self.now - self._needed_at > self.p.again_s:
+                self._seek(pose)
+        elif self._needed is not None and self._dock and self._dock not in self._shunned:
+            self._set_out(pose, state)
 
     def _set_out(self, pose: Pose, state: RobotState) -> None:
-        self._became(ChargeState.TO_DOCK)
         lined_up = _waypoint(before(self._docks[self._dock]))
         self.errand.go(lined_up, pose, state.v, "to be charged")
 
     def _begin_docking(self, pose: Pose) -> None:
         """Drive in, as soon as nothing else is driven."""
-        self._stand(pose)
-        if self._stands:
+        self.errand.stand(pose, planned=False)
+        if self.errand.stands:
             self._became(ChargeState.DOCKING)
             self._still_at = self.now
 
@@ -400,7 +375,7 @@ class BatteryCharger(Agent):
         if self._state is ChargeState.DOCKING:
             self.log(f"in {self._dock}, charging: {100.0 * self._share:.0f} %")
         self._attempt = 0
-        self._stand(pose)
+        self.errand.stand(pose, planned=False)
         self._became(ChargeState.CHARGING)
 
     def _leave(self, pose: Pose) -> None:
@@ -414,21 +389,8 @@ class BatteryCharger(Agent):
         elif self._attempt and not self._foreign and self._lane(pose) is not None:
             self._begin_docking(pose)
             return
-        self._standing = None
-        self._became(ChargeState.NONE)
-
-    def _stand(self, pose: Pose) -> None:
-        """Hold the trajectory, and have the robot driven nowhere: its end is reached already."""
-        if self._standing is not None:
-            return
-        if self.errand.stage is Stage.REACHED and self.errand.driven is not None:
-            self._standing, self._stands = self.errand.driven, True
-        else:
-            here = Waypoint(pose.x, pose.y, pose.theta)
-            number = self.rng.getrandbits(BITS)
-            self._standing = Way(number, (here,), Point(here.x, here.y), planned=False)
-            self._stands = False
         self.errand.drop()
+        self._became(ChargeState.NONE)
 
     def _shun(self, why: str) -> None:
         """Not to this dock for a while."""
@@ -490,8 +452,9 @@ class BatteryCharger(Agent):
                 self._warned = True
                 return
             self._warned, self._note = False, ""
-            if not self.errand.under_way and self._state is ChargeState.NONE:
+            if self._state is ChargeState.NONE and name != self._dock:
                 self._dock = name
+                self.errand.drop()  # it is planned to another one, and not driven yet
 
         self._survey(Waypoint(pose.x, pose.y, pose.theta), found)
 

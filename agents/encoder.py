@@ -14,6 +14,7 @@ from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import (
     COVARIANCE,
     Correction,
+    InitialPose,
     Message,
     Origin,
     Pose,
@@ -28,6 +29,9 @@ AGAIN_CYCLES = 10
 
 YOUNG_CYCLES = 30
 """An older epoch has had an encoder agent before: some agent remembers its origin."""
+
+OLDER_CYCLES = 3
+"""A correction of so few cycles after an initial pose may have been made before that was known."""
 
 TOLD_CYCLES = 10
 """In an older epoch, cycles without a pose while no origin was received: on a slow network the pose
@@ -77,7 +81,7 @@ class Encoder(Agent):
 
     name = "encoder"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Correction,)
+    hears: ClassVar[tuple[type[Message], ...]] = (Correction, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Pose, Origin)
     parameters = Parameters
     launched_with = ("x", "y", "theta")
@@ -93,6 +97,7 @@ class Encoder(Agent):
         self._waited = 0  # cycles without an origin
         self._correction: Correction | None = None
         self._covariance: tuple[float, ...] = ()
+        self._told_at = 0, 0  # the newest cycle, epoch and number, at the last initial pose
 
     def on_origin(self, origin: Origin) -> None:
         """A peer has known it for longer."""
@@ -108,10 +113,26 @@ class Encoder(Agent):
     def on_correction(self, correction: Correction) -> None:
         """Somebody knows better by a map (thesis 3.4.1)."""
         xx, _, _, yy, _, tt = correction.covariance
+        told = self._told_at
+        late = correction.cycle.number - told[1] if correction.cycle.epoch == told[0] else 0
+        if told[1] and 0 <= late <= OLDER_CYCLES:
+            return  # of where the robot was taken to be before
         if min(xx, yy, tt) < 0.0 or max(abs(correction.x), abs(correction.y)) > NOWHERE_M:
             return  # no variance is negative, nor is any place there: it is not true
         self._covariance = correction.covariance
         self._correction = correction if correction.confidence >= SURE else None
+
+    def on_initial_pose(self, told: InitialPose) -> None:
+        """People know where the robot stands (thesis 5.2.5): the interface agent passes it on."""
+        state = self.latest(RobotState)
+        if state is None or self._origin is None or max(abs(told.x), abs(told.y)) > NOWHERE_M:
+            return
+        odometry = (state.x, state.y, state.theta)
+        self._told_at = state.cycle.epoch, state.cycle.number
+        self._correction, self._covariance = None, ()
+        self._origin = self._begin((told.x, told.y, told.theta), odometry)
+        self._keep(self._origin, odometry, state.cycle.epoch)
+        self.log(f"the robot stands at ({told.x:.2f}, {told.y:.2f}), as it was told")
 
     def on_robot_state(self, state: RobotState) -> None:
         """One status packet, one pose."""

@@ -19,6 +19,7 @@ from armadico.core.messages import (
     WAYPOINTS,
     Action,
     Description,
+    InitialPose,
     Message,
     MessageError,
     MissionCancel,
@@ -70,6 +71,15 @@ PARKING_M: Final = 0.3
 
 ELSEWHERE_M: Final = 0.15
 """A way that leaves the one that is driven by so much is another one."""
+
+PLACED_M: Final = 0.3
+"""The pose is so near to where people have the robot, once the encoder agent knows of it,"""
+
+PLACED_S: Final = 2.0
+"""within this time."""
+
+MOVES: Final = "it moves: where it stands can be told at rest only"
+NOT_PLACED: Final = "no encoder agent took on where the robot stands"
 
 BESIDE_M: Final = 0.5
 """A holder's way that is farther from the robot than this is planned anew before it is driven."""
@@ -130,7 +140,7 @@ class Interface(Agent):
     name = "interface"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, TeleopStatus)
-    provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
+    provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus, InitialPose)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
     owns = (TRAJECTORY,)
@@ -167,6 +177,7 @@ class Interface(Agent):
         self._contacts: list[tuple[float, int, float, float]] = []  # s, epoch, odometry in m
         self._touches = False
         self._held = False  # the mission is the way of whoever holds the trajectory
+        self._placing: tuple[Question, MissionRequest, float] | None = None  # until when
         self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number; until when
 
     def on_start(self) -> None:
@@ -177,6 +188,43 @@ class Interface(Agent):
         """Take a mission on, or refuse it with the reason, before the robot moves."""
         request = question.request
         assert isinstance(request, MissionRequest)
+        if request.start is not None:
+            return self._place(question, request, request.start)
+        return self._consider(question, request)
+
+    def _place(
+        self, question: Question, request: MissionRequest, at: Waypoint
+    ) -> MissionReply | None:
+        """Tell the encoder agent where the robot stands; the mission waits for its pose."""
+        state = self.latest(RobotState)
+        moves = state is None or abs(state.v) > self.p.slow_m_s or abs(state.w) > self.p.slow_rad_s
+        if moves or self._held or self._state is MissionState.DRIVING:
+            return self._refuse(MOVES)
+        self._placing = question, request, self.now + PLACED_S
+        self.publish(InitialPose(at.x, at.y, at.theta))
+        return None
+
+    def _see_placed(self, pose: Pose) -> None:
+        """Go on with a mission once the pose is where people have the robot."""
+        if self._placing is None:
+            return
+        question, request, until = self._placing
+        at = request.start
+        assert at is not None, "it waits for that"
+        turned = abs(wrap(pose.theta - at.theta))
+        reply: MissionReply | None
+        if hypot(pose.x - at.x, pose.y - at.y) <= PLACED_M and turned <= PLACED_M:
+            reply = self._consider(question, request)
+        elif self.now > until:
+            reply = self._refuse(NOT_PLACED)
+        else:
+            return
+        self._placing = None
+        if reply is not None:
+            self.answer(question, reply)
+
+    def _consider(self, question: Question, request: MissionRequest) -> MissionReply | None:
+        """Take a mission on from where the robot is by its pose."""
         pose = self.fresh(Pose)
         if pose is None:
             return self._refuse(NOBODY_KNOWS)
@@ -321,6 +369,7 @@ class Interface(Agent):
         unheard, self._pose_at = self.now - self._pose_at, self.now
         if unheard > UNHEARD_S:
             self._leave_out(unheard)
+        self._see_placed(pose)
         if self._state is not MissionState.DRIVING:
             return
         teleop = self.fresh(TeleopStatus)

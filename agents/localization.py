@@ -32,6 +32,7 @@ from armadico.core.messages import (
     Correction,
     Cycle,
     Echo,
+    InitialPose,
     Message,
     Particles,
     Pose,
@@ -169,7 +170,7 @@ class Localization(Agent):
 
     name = "localization"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose)
+    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile", "start_m", "start_rad")
@@ -235,6 +236,15 @@ class Localization(Agent):
             off = max(self.p.start_m, pose.deviation)  # of a pose that was not corrected lately
             turned = max(self.p.start_rad, pose.heading_deviation)
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
+
+    def on_initial_pose(self, told: InitialPose) -> None:
+        """Begin again about a pose that people know."""
+        if not self._useful or self._odometry is None:
+            return
+        pose = told.x, told.y, told.theta
+        self._begun, self._spread, self._sure = True, False, 0
+        self._find(pose, 0)
+        self._filter.start_at(pose, self.p.start_m, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
@@ -13,8 +13,16 @@ from msgspec.structs import replace
 
 from armadico.agents.methods.board import Entry, Missions, RefusedError
 from armadico.agents.methods.errands import Errand, Stage
-from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
-from armadico.agents.methods.subplans import Coordinator
+from armadico.agents.methods.procedures import (
+    advance,
+    again,
+    ahead,
+    broken_off,
+    doing,
+    failing,
+    merged,
+)
+from armadico.agents.methods.subplans import PLANNERS, Coordinator
 from armadico.agents.methods.utility import of_mission
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
@@ -29,9 +37,11 @@ from armadico.core.messages import (
     Alarm,
     BatteryLevel,
     Board,
+    Card,
     ChargeRequest,
     ChargeState,
     ChargeStatus,
+    Course,
     EnergyReply,
     EnergyRequest,
     ExploreRequest,
@@ -60,7 +70,7 @@ from armadico.core.messages import (
     line,
     next_count,
 )
-from armadico.core.planner import move, visited
+from armadico.core.planner import Surprise, move, visited
 from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 from armadico.core.tasks import Beliefs, Charge, Drive, Explore, Reach, Request, Stand
 
@@ -130,6 +140,8 @@ class MissionPlanning(Agent):
         self._missions = Missions(self._places)
         self._withdrawn: deque[int] = deque(maxlen=WITHDRAWN_MOST)  # also what has not come yet
         self._coordinator = Coordinator()
+        self._alive: set[str] = set()  # instances
+        self._asked_for: tuple[Any, ...] = ()  # the step that planner agents were asked about last
         self._errand = Errand(self.rng)
         self._by = self.rng.getrandbits(63)
         self._alarms: list[str] = []
@@ -307,11 +319,25 @@ class MissionPlanning(Agent):
         self._coordinator.take(subplan, self.now)
 
     def on_appeared(self, name: str, instance: str) -> None:
-        """Perhaps a planner agent."""
-        self._coordinator.appeared(name, instance)
+        """Ask a planner agent for its card, which has what it plans for, until it comes."""
+        self._alive.add(instance)
+        if name.startswith(PLANNERS):
+            self._ask_what_it_plans(name, instance)
+
+    def _ask_what_it_plans(self, name: str, instance: str) -> None:
+        def answered(card: Card | None) -> None:
+            if instance not in self._alive:
+                return
+            if card is not None and card.instance == instance:
+                self._coordinator.met(card)
+            else:
+                self._ask_what_it_plans(name, instance)
+
+        self.ask_card(name, instance, answered)
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         """Perhaps a planner agent: it is not waited for any more."""
+        self._alive.discard(instance)
         self._coordinator.gone(instance, self.now)
 
     # What it bids ---------------------------------------------------------------------------------
@@ -324,10 +350,9 @@ class MissionPlanning(Agent):
         if active is None:
             self.why = "no mission"
             return None
-        if resource is TRAJECTORY and not self._cleared:
-            self.why = "no way yet"
-            return None
-        return self._errand.bid_for(resource, of_mission(active.told.priority))
+        self.why = "no way yet"
+        worth = of_mission(active.told.priority)
+        return self._errand.bid_for(resource, worth, cleared=self._cleared)
 
     # The missions ---------------------------------------------------------------------------------
 
@@ -421,6 +446,9 @@ class MissionPlanning(Agent):
         number = entry.told.mission
         mine = self._wanted is not None and self._wanted[:2] == (number, course.tasks)
         state, note = (self._reach, self._note) if mine else (Reach.NONE, "")
+        fails = failing(entry.mission, course, beliefs, state, note)
+        if fails and self._consults(entry, beliefs, fails):
+            return
         out = advance(entry.mission, course, beliefs, seconds, state, note)
         old = (
             len(course.results)
@@ -486,14 +514,19 @@ class MissionPlanning(Agent):
         if isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY:
             self._unwanted = self._order
             self._halt()
-        self._errand.drop()
+        request = None if wanted is None else wanted[2]
+        if isinstance(request, Drive) or (
+            isinstance(request, Stand) and self._errand.stage is not Stage.DRIVING
+        ):
+            self._errand.pause()
+        else:
+            self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
         self._wanted_at, self._stood = self.now, None
         self._again_at = 0.0
         if wanted is None or entry is None:
             return
-        request = wanted[2]
         self._reach = Reach.UNDER_WAY
         left, self._left = self._left, 0
         if isinstance(request, Drive) and left:
@@ -555,8 +588,10 @@ class MissionPlanning(Agent):
         errand, pose, stood = self._errand, self.fresh(Pose), self._stood
         if stood is None:
             self._stood = None if self._is_driven else beliefs.at
+            if self._stood is not None and pose is not None:
+                self._stand(pose)
         elif errand.stage is Stage.REACHED:
-            errand.drop()
+            errand.stand(pose)
         elif errand.stage is Stage.FAILED:
             errand.drop()
             if self._refused_at is None:
@@ -570,6 +605,11 @@ class MissionPlanning(Agent):
                 assert pose is not None, "it is known"
                 self._cleared = True
                 errand.go(stood, pose, 0.0, f"{entry.told.name}: back to where it stood")
+
+    def _stand(self, pose: Pose) -> None:
+        """Have the robot kept where it stands: what that is worth, others see by the bid."""
+        if self._errand.standing is None and not self._is_driven:
+            self._errand.stand(pose)
 
     def _charge(self, wanted: tuple[int, int, Request], request: Charge) -> None:
         """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""
@@ -600,11 +640,14 @@ class MissionPlanning(Agent):
         errand, pose = self._errand, self.fresh(Pose)
         if errand.stage is Stage.REACHED:
             self._reach = Reach.DONE
-            errand.drop()
+            errand.stand(pose)
         elif errand.stage is Stage.FAILED:
             self._not_planned(errand.note)
         elif errand.stage is Stage.NONE:
-            if pose is None or beliefs.at is None or self.now < self._again_at:
+            if pose is None or beliefs.at is None:
+                return
+            if self.now < self._again_at:
+                self._stand(pose)
                 return
             goal = self._goal(request, beliefs.at)
             if goal is None:
@@ -671,7 +714,21 @@ class MissionPlanning(Agent):
         elif entry.mission.energy == "risk" or failed or full:
             self._cleared = True
         else:
-            self._merge(entry, (PlanStep("dock"),))
+            self._charge_first(entry, beliefs, note)
+
+    def _charge_first(self, entry: Entry, beliefs: Beliefs, note: str) -> None:
+        """Have it charged before the way, as the planner agents say, or at once."""
+        dock, wanted = (PlanStep("dock"),), self._wanted
+
+        def chosen(subplan: Subplan | None) -> None:
+            if self._wanted == wanted and entry.goes_on:
+                self._merge(entry, dock if subplan is None else subplan.steps)
+
+        if beliefs.at is None or self._coordinator.busy:
+            chosen(None)
+        else:
+            why = f"the energy will not do: {note}"
+            self._consult(entry, beliefs.at, Surprise.BATTERY, why, dock, chosen)
 
     # What is unexpected ---------------------------------------------------------------------------
 
@@ -688,17 +745,6 @@ class MissionPlanning(Agent):
         if room is None:
             return
         before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
-        after = ahead(mission, broken_off(mission, course))
-        ask = SubplanRequest(
-            self.rng.getrandbits(63),
-            entry.told.mission,
-            f"alarm in {room}",
-            beliefs.at,
-            beliefs.room,
-            before,
-            after,
-            self._places_told(visited((*before, *after))),
-        )
 
         def chosen(subplan: Subplan | None) -> None:
             if room not in self._unchecked or not entry.goes_on:
@@ -707,15 +753,86 @@ class MissionPlanning(Agent):
                 return
             self._unchecked.remove(room)
             nowhere.pop(room, None)
+            # Nobody to ask, or nobody who knows: straight there and on, as far as it goes.
+            self._merge(entry, before if subplan is None else subplan.steps)
+
+        why = f"alarm in {room}"
+        self._consult(entry, beliefs.at, Surprise.ALARM, why, before, chosen)
+
+    def _consult(
+        self,
+        entry: Entry,
+        at: Waypoint,
+        surprise: Surprise,
+        why: str,
+        before: tuple[PlanStep, ...],
+        chosen: Callable[[Subplan | None], None],
+        course: Course | None = None,
+    ) -> None:
+        """Ask the planner agents that plan for such a surprise what to do.
+
+        Args:
+            entry: The mission.
+            at: Where the robot is.
+            surprise: The kind.
+            why: In words.
+            before: What is to be done.
+            chosen: Is told the cheapest answer; None if there is none.
+            course: How the mission would go on; None: as it is, with its task broken off.
+        """
+        mission = entry.mission
+        assert mission is not None, "it goes on"
+        after = ahead(mission, course or broken_off(mission, entry.told.course))
+        ask = SubplanRequest(
+            self.rng.getrandbits(63),
+            entry.told.mission,
+            line(why),
+            at,
+            self._beliefs().room,
+            before,
+            after,
+            self._places_told(visited((*before, *after))),
+            surprise,
+        )
+
+        def taken(subplan: Subplan | None) -> None:
             if subplan is not None:
-                self._merge(entry, subplan.steps)
-                who = subplan.planner
-                self.log(line(f"alarm in {room}: {_words(subplan.steps)}, by {who}"))
-            else:  # nobody to ask, or nobody who knows: straight there and on, as far as it goes
-                self._merge(entry, before)
+                self.log(line(f"{why}: {_words(subplan.steps)}, by {subplan.planner}"))
+            chosen(subplan)
 
         self.publish(ask)
-        self._coordinator.ask(ask, self.now, chosen)
+        self._coordinator.ask(ask, self.now, taken)
+
+    def _consults(self, entry: Entry, beliefs: Beliefs, why: str) -> bool:
+        """Whether a step that fails waits for what planner agents say; each step does once.
+
+        With an answer it is begun anew after the sub-plan. Without, it has failed.
+        """
+        wanted, course, mission = self._wanted, entry.told.course, entry.mission
+        assert mission is not None, "it goes on"
+        places = [(f.procedure, f.step, f.turn, f.attempt) for f in course.frames]
+        step = (entry.told.mission, *places)
+        drives = wanted is not None and isinstance(wanted[2], Drive)
+        surprise = Surprise.BLOCKED if drives else Surprise.FAILED
+        if step == self._asked_for or beliefs.at is None or not self._coordinator.able(surprise):
+            return False
+        pose = self.fresh(Pose)
+        if pose is not None:
+            self._stand(pose)
+        if self._coordinator.busy:
+            return True
+
+        def chosen(subplan: Subplan | None) -> None:
+            self._asked_for = step
+            if subplan is not None and entry.goes_on:
+                self._want(None)
+                entry.told = replace(entry.told, course=merged(mission, anew, subplan.steps))
+                self._changed = True
+
+        anew = again(course)
+        text = f"{doing(mission, course)}: {why}"
+        self._consult(entry, beliefs.at, surprise, text, (), chosen, anew)
+        return True
 
     def _places_told(self, first: Sequence[str]) -> tuple[NamedPlace, ...]:
         """Where the robot stands in the world's places; these ones at any rate."""
@@ -730,7 +847,7 @@ class MissionPlanning(Agent):
 
         The path planner may be dead for now, and people in the way walk on.
         """
-        if not self._coordinator.planners:
+        if not self._coordinator.able(Surprise.ALARM):
             return False
         since, _ = self._no_way.setdefault(room, (self.now, 0.0))
         if self.now - since >= self.p.patience_s:

@@ -2,7 +2,15 @@
 
 It watches three things: liveliness tokens; the cards of those who say nothing else; and what each
 agent promises by the table of services, for a process that hangs keeps its token for a while, and
-one whose agent hangs keeps it for good. It starts nobody: it asks the wakeup agents of hosts
+one whose agent hangs keeps it for good.
+
+It asks for a restart only on evidence that one agent is at fault. An agent is late only with a key
+that this instance has published regularly, because some agents publish only sometimes what their
+card provides. All limits grow with the load that a host reports. If most processes of a host are
+silent at once, the machine is slow or disconnected, and none of them is restarted. Restarts have a
+budget per host.
+
+It starts nobody: it asks the wakeup agents of hosts
 (`armadico.launch.wakeup`), which restart who has ended without being asked. So what one of them
 looks after is left to it, and a monitor has nothing to do but with who hangs, and whose host is
 gone. It decides nothing about who drives; when the society cannot be whole it latches the stop.
@@ -13,6 +21,7 @@ acts. Two that both believe so do no harm: a wakeup agent restarts a process onc
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from math import inf
@@ -40,6 +49,7 @@ from armadico.core.messages import (
     WakeupRequest,
     line,
 )
+from armadico.core.restart_policy import slower
 from armadico.core.services import SERVICES, Kind, matches, service_of
 
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
@@ -69,6 +79,12 @@ SLEPT_S: Final = 0.5
 MOVES: Final = 0.01
 """m/s or rad/s: a robot that is faster is not at rest."""
 
+FOLLOWS_S: Final = 3.0
+"""Who falls silent so soon after another may lack what that one provided."""
+
+SEVERAL: Final = 2
+"""With fewer silent processes than this, it is not the machine."""
+
 WATCHED: Final = tuple(
     service.message
     for service in SERVICES
@@ -91,6 +107,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     refused_s: Seconds = 30.0  # until a host that has refused is asked again
     host_s: Seconds = 5.0  # a host's wakeup agent has said nothing: nothing is asked of it
     whole_s: Seconds = 20.0  # then the robot is stopped
+    machine_s: Seconds = 30.0  # how long most processes of a host may be silent at once
+    restarts: Annotated[int, Meta(ge=0, le=1000)] = 5  # of one host's agents at most, within
+    within_s: Seconds = 60.0
 
 
 @dataclass
@@ -103,6 +122,15 @@ class _Known:
     answered_at: float  # and when it last said anything
     card: Card | None = None
     asked: bool = False
+
+
+@dataclass
+class _Habit:
+    """How regularly one key is published."""
+
+    begun: float  # when the present sequence without a gap began
+    last: float  # when it was last received
+    pause: float = 0.0  # the longest silence that a working instance ended by itself
 
 
 _Process = tuple[str, str, int]
@@ -127,13 +155,15 @@ class Monitor(Agent):
         self._had: set[str] = set()  # who was well once, or looked after
         self._dismissed: set[str] = set()  # kept by a host that has left in order
         self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
-        self._heard: dict[str, float] = {}  # by key
+        self._habits: dict[str, _Habit] = {}  # by key
         self._unseen: dict[_Process, float] = {}  # up, and without a token, since when
         self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
         self._lacking: dict[str, float] = {}  # who is needed and not well, since when
         self._asked_at: dict[tuple[WakeupOrder, str, int], float] = {}
         self._refused: dict[tuple[str, str], tuple[float, str]] = {}  # by host and agent
         self._restarted: dict[str, tuple[int, float]] = {}  # how often on end, and when last
+        self._spent: dict[str, deque[float]] = {}  # when a restart was requested, by host
+        self._slow: dict[str, float] = {}  # hosts with most processes silent, since when
         self._stopped_for: set[str] = set()
         self._look_at = self._report_at = 0.0
         self._note = ""
@@ -156,7 +186,16 @@ class Monitor(Agent):
             name = message.sensor
             taken = self._surroundings.newest(name)
         if kind in WATCHED and taken is message:
-            self._heard[self.key_of(kind, name=name)] = now
+            self._publishes(self.key_of(kind, name=name), service_of(kind).rate_hz or 1.0)
+
+    def _publishes(self, key: str, rate_hz: float) -> None:
+        habit = self._habits.setdefault(key, _Habit(self.now, self.now))
+        if self.now - habit.last > FEW / rate_hz:
+            cards = ((known.card, known.since) for known in self._known.values())
+            there = [since for card, since in cards if card is not None and key in card.provides]
+            habit.pause = max(habit.pause, self.now - max(habit.last, *there, 0.0))
+            habit.begun = self.now
+        habit.last = self.now
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Somebody has joined, or has come back."""
@@ -210,8 +249,8 @@ class Monitor(Agent):
         self._look_at = self.now + LOOK_S
         self.wake_at(self._look_at)
         self._probe()
-        unwell = {known.instance: why for known, why in self._unwell()}
         unseen = self._look_for_tokens()
+        unwell = {known.instance: why for known, why in self._unwell()}
         self._miss(unwell)
         if self._acts:
             for instance, why in unwell.items():
@@ -229,6 +268,9 @@ class Monitor(Agent):
         self._floor = self.now
         for known in self._known.values():
             known.answered_at = self.now
+        for habit in self._habits.values():
+            habit.last = self.now
+        self._slow.clear()
         self._unseen.clear()
         self._lacking = dict.fromkeys(self._lacking, self.now)
         self._shares = {of: (share, self.now) for of, (share, _) in self._shares.items()}
@@ -281,7 +323,42 @@ class Monitor(Agent):
             if not self._sees(name, share.host, kept.pid)
         ]
         self._unseen = {process: self._unseen.get(process, self.now) for process in gone}
-        return [of for of, since in self._unseen.items() if self.now - since >= self.p.lost_s]
+        self._judge_hosts()
+        return [
+            (keeper, name, pid)
+            for (keeper, name, pid), since in self._unseen.items()
+            if self.now - since >= self.p.lost_s * self._patience(self._shares[keeper][0].host)
+        ]
+
+    def _judge_hosts(self) -> None:
+        """Note the hosts most of whose processes are silent at once: that is no agent's fault."""
+        half = 0.5 * self.p.hung_s
+        quiet = {
+            (k.card.host, k.card.pid)
+            for k in self._known.values()
+            if k.card is not None and self.now - k.answered_at >= half
+        }
+        quiet |= {(self._shares[keeper][0].host, pid) for keeper, _, pid in self._unseen}
+        slow = dict(self._slow)
+        self._slow = {}
+        for share in self._hosts():
+            up = [k.pid for k in share.kept if k.agents and k.state is KeptState.UP]
+            silent = sum((share.host, pid) in quiet for pid in up)
+            if silent >= SEVERAL and 2 * silent >= len(up):
+                self._slow[share.host] = slow.get(share.host, self.now)
+                if share.host not in slow:
+                    self._note = line(
+                        f"{share.host}: {silent} of {len(up)} processes are silent at once:"
+                        " the machine is slow or disconnected, none is restarted"
+                    )
+                    self.log(self._note, WARNING)
+
+    def _patience(self, host: str) -> float:
+        """By how much the limits of a host's agents are multiplied."""
+        if host in self._slow and self.now - self._slow[host] < self.p.machine_s:
+            return inf
+        loads = [share.load for share, _ in self._shares.values() if share.host == host]
+        return slower(max(loads, default=0.0))
 
     def _sees(self, name: str, host: str, pid: int) -> bool:
         """Whether the token of a process's agent is there, or one that may be it."""
@@ -300,8 +377,9 @@ class Monitor(Agent):
     def _probe(self) -> None:
         """Ask those for their cards who have said nothing for a while."""
         for key, _, providers in self._promised():
-            if len(providers) == 1 and self.now - self._heard.get(key, -inf) < PROBE_S:
-                providers[0].answered_at = self._heard[key]
+            habit = self._habits.get(key)
+            if len(providers) == 1 and habit is not None and self.now - habit.last < PROBE_S:
+                providers[0].answered_at = habit.last
         for known in list(self._known.values()):
             silent = self.now - known.answered_at >= PROBE_S or known.card is None
             if silent and not known.asked:
@@ -322,8 +400,10 @@ class Monitor(Agent):
     def _unwell(self) -> Iterator[tuple[_Known, str]]:
         """Whose token is there, and who hangs, and how that shows."""
         for known in self._known.values():
-            if self.now - known.answered_at >= self.p.hung_s:
-                yield known, f"it has answered nothing for {self.p.hung_s:g} s"
+            silent_s = self.now - known.answered_at
+            host = "" if known.card is None else known.card.host
+            if silent_s >= self.p.hung_s * self._patience(host):
+                yield known, f"it has answered nothing for {silent_s:.0f} s"
         yield from self._late()
 
     def _late(self) -> Iterator[tuple[_Known, str]]:
@@ -334,22 +414,32 @@ class Monitor(Agent):
         if not self.cycles.alive(self.now):
             return  # then nobody has anything to say
         late = [
-            (self._heard.get(key, -inf), known.instance, key, by)
+            (habit.last, known.instance, key, by, self._regular(habit, known, rate_hz))
             for key, rate_hz, providers in self._promised()
+            if (habit := self._habits.get(key)) is not None
             for known in providers
-            if (by := self._silent_s(key, known) - FEW / rate_hz) > self.p.late_s
+            if (by := self.now - max(habit.last, self._floor) - FEW / rate_hz) > self.p.late_s
         ]
-        for _, instance, key, by in sorted(late)[:1]:
-            known = self._known[instance]
-            if by > self._late_s(known.name):
-                yield known, f"{key} has been late for {self._late_s(known.name):g} s"
+        before = -inf
+        for last, instance, key, by, regular in sorted(late):
+            if regular and last - before > FOLLOWS_S:
+                known = self._known[instance]
+                limit = max(self._late_s(known), 2.0 * self._habits[key].pause)
+                if by > limit:
+                    yield known, f"{key} has been late for {limit:g} s"
+                return
+            before = last
 
-    def _silent_s(self, key: str, known: _Known) -> float:
-        return self.now - max(self._heard.get(key, -inf), known.since, self._floor)
+    def _regular(self, habit: _Habit, known: _Known, rate_hz: float) -> bool:
+        """Whether this instance has published a key long enough to expect it from it."""
+        lasted_s = habit.last - max(habit.begun, known.since)
+        return lasted_s >= max(self.p.late_s, 2.0 / rate_hz)
 
-    def _late_s(self, name: str) -> float:
+    def _late_s(self, known: _Known) -> float:
         """How late an agent may be."""
-        return float(self.p.late_s * 2 ** min(self._often(name), PATIENT))
+        host = "" if known.card is None else known.card.host
+        doubled = 2 ** min(self._often(known.name), PATIENT)
+        return float(self.p.late_s * doubled * self._patience(host))
 
     def _often(self, name: str) -> int:
         """How often an agent was restarted, each time soon after the time before."""
@@ -374,9 +464,22 @@ class Monitor(Agent):
             return  # nobody looks after it
         keeper, name, pid = process
         share, _ = self._shares[keeper]
-        if not self._has_refused(share, name):
+        if not self._has_refused(share, name) and self._affords(share.host):
             self._floor = self.now
             self._request(WakeupOrder.RESTART, name, share, why, pid)
+
+    def _affords(self, host: str) -> bool:
+        """Whether a host's budget has one more restart."""
+        spent = self._spent.setdefault(host, deque())
+        while spent and self.now - spent[0] >= self.p.within_s:
+            spent.popleft()
+        if len(spent) < self.p.restarts:
+            return True
+        note = f"{host}: its {self.p.restarts} restarts in {self.p.within_s:g} s are spent"
+        if note != self._note:
+            self._note = note
+            self.log(note, WARNING)
+        return False
 
     def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
         """Have somebody who is needed started where it can be, if nobody looks after it."""
@@ -418,6 +521,7 @@ class Monitor(Agent):
         self._asked_at[asked] = self.now
         if order is WakeupOrder.RESTART:
             self._restarted[name] = self._often(name) + 1, self.now
+            self._spent[share.host].append(self.now)
         self._note = line(f"{share.host} is asked to {order} {name}: {why}")
         self.log(self._note, WARNING)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from armadico.core.messages import PlanStep, SubplanRequest
-from armadico.core.planner import Planner, leading, move
+from armadico.core.planner import Planner, Surprise, leading, move
 
 
 class PlannerOnward(Planner):
     """Leaves by the way to what the mission is about next, and goes back nowhere."""
 
     name = "planner-onward"
+    plans = (Surprise.ALARM, Surprise.BATTERY)
 
     def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
         """{move(R1, R21), check-alarm, move(R21, Hall)}."""

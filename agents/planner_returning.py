@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from armadico.core.messages import PlanStep, SubplanRequest
-from armadico.core.planner import Planner, leading, move
+from armadico.core.planner import Planner, Surprise, leading, move
 
 
 class PlannerReturning(Planner):
     """Goes back to the room where the robot was, and leaves it by the way that was planned."""
 
     name = "planner-returning"
+    plans = (Surprise.ALARM, Surprise.BATTERY)
 
     def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
         """{move(R1, R21), check-alarm, move(R21, R1), move(R1, Hall)}."""

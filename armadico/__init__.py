@@ -61,7 +61,7 @@ if TYPE_CHECKING:
         Waypoint,
     )
     from armadico.core.parameters import Parameters, Safety
-    from armadico.core.planner import Planner
+    from armadico.core.planner import Planner, Surprise
     from armadico.core.resources import PLANNER, WHEELS, Resource
     from armadico.core.route import Route
     from armadico.core.services import Kind, Service, register
@@ -173,6 +173,7 @@ __all__ = [
     "Stop",
     "StopError",
     "SubplanRequest",
+    "Surprise",
     "Task",
     "TeleopStatus",
     "TopologyError",
@@ -193,7 +194,7 @@ _MODULES = {
     "core.behaviour": ("Behaviour",),
     "core.exchange": ("Bid",),
     "core.parameters": ("Parameters", "Safety"),
-    "core.planner": ("Planner",),
+    "core.planner": ("Planner", "Surprise"),
     "core.resources": ("PLANNER", "WHEELS", "Resource"),
     "core.route": ("Route",),
     "core.services": ("Kind", "Service", "register"),

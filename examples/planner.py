@@ -1,9 +1,9 @@
-"""A planner agent of one's own: it has a photo taken of what has set the alarm off."""
+"""Two planner agents: one has a photo taken of what set the alarm off, one waits at shut doors."""
 
 from collections.abc import Sequence
 
 import armadico
-from armadico import Planner, PlanStep, SubplanRequest
+from armadico import Planner, PlanStep, SubplanRequest, Surprise
 
 
 class Evidence(Planner):
@@ -17,7 +17,17 @@ class Evidence(Planner):
         return [*request.before, PlanStep.of("take-photo", seconds=2.0)]
 
 
+class Patience(Planner):
+    """Waits before a door that is shut, and has the step begun anew then."""
+
+    name = "planner-patience"
+    plans = (Surprise.BLOCKED,)
+
+    def steps(self, request: SubplanRequest) -> Sequence[PlanStep]:
+        return [*request.before, PlanStep.of("wait", seconds=40.0)]
+
+
 if __name__ == "__main__":
-    done = armadico.run("surveillance", virtual=True, sensors="ideal", joins=[Evidence])
+    done = armadico.run("surveillance", virtual=True, sensors="ideal", joins=[Evidence, Patience])
     for task in done.measures.tasks or ():
         print(f"{task.at_s:5.1f} s  {task.step}: {task.said}")

@@ -3,6 +3,9 @@
 Sans-IO: an agent that competes for both resources keeps one of these, hands it what it hears, and
 bids what this says. Two resources and no arbiter: whoever else wants the planner or the trajectory
 may have it in between, and what was wanted here goes on afterwards, from where the robot then is.
+
+An agent whose robot stands for a task bids for the trajectory, too (`stand`): so others see by its
+claim what standing is worth, whatever agent it is, and need not know why it stands.
 """
 
 from __future__ import annotations
@@ -110,6 +113,8 @@ class Errand:
         self.goal: Waypoint | None = None
         self.plan: Plan | None = None
         self.note = ""
+        self.standing: Way | None = None  # what is bid for while it has no way of its own
+        self.stands = False  # the robot has come to the end of that
         self._way: Way | None = None
         self._driven = Route()  # whoever's way it is
         self._mission = 0
@@ -121,9 +126,9 @@ class Errand:
         return 0 if self._way is None else self._way.id
 
     @property
-    def driven(self) -> Way | None:
-        """Its way, as it is bid for; once it is reached, what keeps the trajectory if it is."""
-        return self._way
+    def ways(self) -> set[int]:
+        """The numbers of all that it bids for."""
+        return {way.id for way in (self._way, self.standing) if way is not None}
 
     @property
     def under_way(self) -> bool:
@@ -144,7 +149,7 @@ class Errand:
             v: Its speed by the wheels, m/s.
             why: What the planner is told, and logs.
         """
-        self.drop()
+        self.pause()
         if pose.deviation > LOST_M:  # a way from where it is not is none: found, it is planned anew
             self._way = Way(self._rng.getrandbits(BITS), (goal,), Point(pose.x, pose.y))
             self.goal, self.stage = goal, Stage.WAITING
@@ -172,18 +177,50 @@ class Errand:
         self._way = Way(way, driven.waypoints, driven.start, driven.leg)
         return True
 
+    def stand(self, pose: Pose | None, *, planned: bool = True) -> None:
+        """Keep the robot where it is, at the end of the way that it has reached or at `pose`.
+
+        A robot that was driven away comes back by a way that is planned, unless `planned` is False.
+        """
+        if self.stage is Stage.REACHED and self._way is not None:
+            self.standing, self.stands = self._way, True
+        elif self.standing is None and pose is not None:
+            here = Waypoint(pose.x, pose.y, pose.theta)
+            number = self._rng.getrandbits(BITS)
+            self.standing = Way(number, (here,), Point(here.x, here.y), planned=planned)
+        self._end()
+
+    def pause(self) -> None:
+        """End its way for another one: until that is there, it bids for what is driven now."""
+        if self.stage in (Stage.DRIVING, Stage.REACHED):
+            self.standing, self.stands = self._way, self.stage is Stage.REACHED
+        self._end()
+
     def drop(self) -> None:
         """End it: nothing is bid for any more."""
+        self.standing, self.stands = None, False
+        self._end()
+
+    def _end(self) -> None:
         self.desk.drop()
         self.stage, self.goal, self.plan, self.note, self._way = Stage.NONE, None, None, "", None
 
-    def bid_for(self, resource: Resource, utility: float, *, critical: bool = False) -> Bid | None:
-        """What to bid for the planner or the trajectory now; None: nothing."""
+    def bid_for(
+        self, resource: Resource, utility: float, *, critical: bool = False, cleared: bool = True
+    ) -> Bid | None:
+        """What to bid for the planner or the trajectory now; None: nothing.
+
+        A way that is not `cleared` yet is not bid for.
+        """
         if resource is PLANNER:
             return self.desk.bid(utility, critical=critical)
-        if self._way is None or self.stage not in (Stage.WAITING, Stage.DRIVING):
+        bids = cleared and self.stage in (Stage.WAITING, Stage.DRIVING, Stage.REACHED)
+        if bids and self._way is not None:
+            return Bid(utility, self._way, critical, reason=f"to {_at(self._way.waypoints[-1])}")
+        if self.standing is None:
             return None
-        return Bid(utility, self._way, critical, reason=f"to {_at(self._way.waypoints[-1])}")
+        reason = f"stands at {_at(self.standing.waypoints[-1])}"
+        return Bid(utility, self.standing, critical, reason=reason)
 
     def pose(self, pose: Pose) -> None:
         """How far the robot has come on the way that is driven."""
@@ -205,6 +242,8 @@ class Errand:
 
     def status(self, status: MissionStatus) -> None:
         """How far whoever's way is driven has come."""
+        if self.standing is not None and status.mission == self.standing.id:
+            self.stands = status.state is MissionState.REACHED
         if self._way is None or not self.under_way:
             return
         if status.mission != self._way.id:
@@ -215,6 +254,7 @@ class Errand:
             self.stage, self.note = Stage.FAILED, status.note
         elif status.state is MissionState.DRIVING:
             self.stage, self.note = Stage.DRIVING, status.note
+            self.standing, self.stands = None, False
         else:
             self.stage = Stage.WAITING
 

@@ -107,6 +107,25 @@ def doing(mission: Mission, course: Course) -> Step | None:
     return step if step is not None and frame.begun and step.do not in mission.procedures else None
 
 
+def failing(mission: Mission, course: Course, beliefs: Beliefs, state: Reach, note: str) -> str:
+    """Why the task that is under way fails at this look; "" if it does not.
+
+    A step of a detour that fails is left out, and is not reported.
+    """
+    step = doing(mission, course)
+    if step is None or course.frames[-1].detour:
+        return ""
+    look = _Look(mission, replace(course, results=()), beliefs)
+    look.look_at_task(step, state, note)
+    found = look.results
+    return found[0].said or "failed" if found and found[0].end is StepEnd.FAILED else ""
+
+
+def again(course: Course) -> Course:
+    """The course with the step that is under way to be begun anew."""
+    return _with_top(course, replace(course.frames[-1], begun=False, elapsed=0.0, stage=0))
+
+
 def ahead(mission: Mission, course: Course) -> tuple[PlanStep, ...]:
     """The tasks to come, the first ones, as if nothing failed; that under way is not among them."""
     found = (*course.detour, *_to_come(mission, course))
@@ -121,7 +140,7 @@ def broken_off(mission: Mission, course: Course) -> Course:
             return course
     except (LookupError, ImportError):  # of somebody's plan: it fails when it is looked at
         return course
-    return _with_top(course, replace(course.frames[-1], begun=False, elapsed=0.0, stage=0))
+    return again(course)
 
 
 def merged(mission: Mission, course: Course, detour: tuple[PlanStep, ...]) -> Course:
@@ -167,6 +186,11 @@ class _Look:
         return Outlook(self._course, Stand(), tuple(self._events))
 
     @property
+    def results(self) -> tuple[StepResult, ...]:
+        """What came of steps."""
+        return self._course.results
+
+    @property
     def _frame(self) -> Frame:
         return self._course.frames[-1]
 
@@ -208,7 +232,7 @@ class _Look:
         if not frame.begun:
             self._begin(step)
             return None
-        return self._look_at_task(step, state, note)
+        return self.look_at_task(step, state, note)
 
     def _begin_detour(self) -> None:
         detour, drops = self._course.detour, self._course.drops
@@ -253,7 +277,8 @@ class _Look:
             self._record(step, StepEnd.PASSED)
             self._next()
 
-    def _look_at_task(self, step: Step, state: Reach, note: str) -> Request | None:
+    def look_at_task(self, step: Step, state: Reach, note: str) -> Request | None:
+        """Look at the task that is under way: what it wants, if it goes on."""
         frame = self._frame
         progress = Progress(frame.elapsed, state, note, frame.stage)
         try:

@@ -1,7 +1,7 @@
 """The coordinator: asks the planner agents for sub-plans, and chooses the cheapest (figure 3.19).
 
-Whoever has a better idea joins as an agent of its own (`armadico.core.planner`): all that are alive
-and called `planner-...` are asked.
+Whoever has a better idea joins as an agent of its own (`armadico.core.planner`). Those are asked
+that are alive, called `planner-...`, and declare on their card that they plan for such a surprise.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from armadico.core.messages import Subplan, SubplanRequest
+from armadico.core.messages import Card, Subplan, SubplanRequest
 
 PLANNERS: Final = "planner-"
 """What a planner agent's name begins with."""
@@ -34,7 +34,7 @@ class Coordinator:
     """Asks all planner agents that are alive, and chooses the cheapest sub-plan."""
 
     def __init__(self) -> None:
-        self.planners: set[str] = set()  # instances that are alive
+        self.planners: dict[str, frozenset[str]] = {}  # alive: what each plans for, by instance
         self._enquiry: Enquiry | None = None
 
     @property
@@ -42,20 +42,23 @@ class Coordinator:
         """Whether answers are waited for."""
         return self._enquiry is not None
 
+    def able(self, surprise: str) -> frozenset[str]:
+        """The planners that are alive and plan for such a surprise."""
+        return frozenset(of for of, plans in self.planners.items() if surprise in plans)
+
     def ask(
         self, request: SubplanRequest, now: float, chosen: Callable[[Subplan | None], None]
     ) -> None:
         """Ask; `chosen` is told the cheapest answer in time, or None if there is none."""
-        self._enquiry = Enquiry(request, frozenset(self.planners), now + ANSWER_S, chosen)
+        self._enquiry = Enquiry(request, self.able(request.surprise), now + ANSWER_S, chosen)
 
-    def appeared(self, name: str, instance: str) -> None:
-        """An agent has joined."""
-        if name.startswith(PLANNERS):
-            self.planners.add(instance)
+    def met(self, card: Card) -> None:
+        """A planner agent has given its card."""
+        self.planners[card.instance] = frozenset(card.plans)
 
     def gone(self, instance: str, now: float) -> None:
         """An agent is gone: it is not waited for any more."""
-        self.planners.discard(instance)
+        self.planners.pop(instance, None)
         self.look(now)
 
     def take(self, subplan: Subplan, now: float) -> None:
@@ -74,7 +77,7 @@ class Coordinator:
         enquiry = self._enquiry
         if enquiry is None:
             return
-        waited_for = (enquiry.asked & self.planners) - enquiry.answers.keys()
+        waited_for = (enquiry.asked & self.planners.keys()) - enquiry.answers.keys()
         if waited_for and now < enquiry.until:
             return
         self._enquiry = None

@@ -34,6 +34,7 @@ EXAMPLES: Final = """\
   armadico goto 4 2                the same place, with the heading of a straight line to it
   armadico goto -1 0.5 -90
   armadico goto 4 2 90 --direct    straight there, with no plan
+  armadico goto 4 2 90 --from 1 1 0   and the robot stands at x 1 m, y 1 m, heading 0
 """
 
 
@@ -104,10 +105,11 @@ def _sent(client: Client, args: argparse.Namespace) -> Mission:
 
     client.listen(Pose)
     heading = None if args.heading is None else math.radians(args.heading)
+    start = args.start and (*args.start[:2], math.radians(args.start[2]))
     end, said = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
     while True:
         try:
-            return client.goto(args.x, args.y, heading, direct=args.direct)
+            return client.goto(args.x, args.y, heading, direct=args.direct, start=start)
         except (AbsentError, MissionRefusedError) as error:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise
@@ -146,6 +148,14 @@ def parser() -> argparse.ArgumentParser:
         help="degrees, counter-clockwise (default: from where the robot is now towards X Y)",
     )
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
+    made.add_argument(
+        "--from",
+        dest="start",
+        nargs=3,
+        type=_number,
+        metavar=("X", "Y", "DEG"),
+        help="where the robot stands now (default: where its pose has it)",
+    )
     options.add_timeout(made, "give up waiting after this")
     options.add_mesh_options(made)
     return made

@@ -353,6 +353,14 @@ class Origin(Latched, frozen=True):
         return self.counter, self.by
 
 
+class InitialPose(Message, frozen=True):
+    """Where the robot stands in the world, m, m and rad, as people told the interface agent."""
+
+    x: Based
+    y: Based
+    theta: Real
+
+
 class Setting(Message, frozen=True):
     """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
 
@@ -727,6 +735,7 @@ class MissionRequest(Message, frozen=True):
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
     replaces: Bits64 | None = None  # the only mission that it may take the place of; None: any
+    start: Waypoint | None = None  # where the robot stands, if people know better than its pose
 
 
 class MissionReply(Message, frozen=True):
@@ -1224,7 +1233,10 @@ PLACES: Final = 256
 
 
 class SubplanRequest(Message, frozen=True):
-    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?"""
+    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?
+
+    Only those answer whose card has its `surprise` among its `plans`.
+    """
 
     id: Bits64
     mission: Bits64
@@ -1234,6 +1246,9 @@ class SubplanRequest(Message, frozen=True):
     before: Steps
     ahead: Steps  # of the mission as it stands
     places: Annotated[tuple[NamedPlace, ...], Meta(max_length=PLACES)] = ()  # that it can move to
+    surprise: Label = "alarm"
+    """Also `battery` (the energy will not do for the way ahead), `blocked` (no way to where the
+    first step `ahead` moves) and `failed` (that step has failed otherwise)."""
 
 
 class Subplan(Message, frozen=True):
@@ -1283,6 +1298,8 @@ class Card(Message, frozen=True):
     doubts: Text = ""  # what it works by that may be wrong,
     learnt: Text = ""  # and what it has estimated of the robot while it drove
     world: Text = ""  # the map that it was launched with, by its name; empty: none
+    plans: tuple[Text, ...] = ()
+    """The kinds of surprise that it plans for, if it is a planner agent."""
 
 
 class BidRecord(Message, frozen=True):
@@ -1380,6 +1397,7 @@ class HostShare(Message, frozen=True):
 
     `needs` are the agents of the whole society that what was asked for cannot do without, those of
     other hosts too. A host that leaves in order says so: what it kept up is then missed by nobody.
+    `load` tells whoever waits for its agents how much longer everything takes there.
     """
 
     instance: Name  # of the wakeup agent
@@ -1388,6 +1406,8 @@ class HostShare(Message, frozen=True):
     can: tuple[Name, ...] = ()  # agents that it would start besides, if asked to
     needs: tuple[Name, ...] = ()
     leaving: bool = False
+    load: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
+    """Runnable processes per core, on average over the last minute; 0: not known."""
 
 
 class WakeupOrder(StrEnum):

@@ -1,20 +1,25 @@
 """Planner agents: what each would do before a mission goes on (thesis figure 3.19).
 
-The coordinator, in mission planning, asks all that are alive and called `planner-...`, and has the
-cheapest answer done. They differ in one method, `steps`; what their steps take they ask of the path
-planning agent, leg by leg, up to the mission's next objective, so that all of them are compared
-over the same stretch. All that they have to know of the world is in the request.
+The coordinator, in mission planning, asks all that are alive, called `planner-...` and declare that
+they plan for such a surprise, and has the cheapest answer done. They differ in one method, `steps`;
+what their steps take they ask of the path planning agent, leg by leg, up to the mission's next
+objective, so that all of them are compared over the same stretch. Where the way to that objective
+is shut, only their own steps count. All that they have to know of the world is in the request.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from itertools import pairwise
 from math import atan2
 from typing import ClassVar
 
+from msgspec.structs import replace
+
 from armadico.core.agent import Agent
 from armadico.core.messages import (
+    Card,
     Message,
     Plan,
     PlanRequest,
@@ -26,9 +31,22 @@ from armadico.core.messages import (
 )
 
 
-class Planner(Agent):
-    """A planner agent: answers each request with the steps that it would do, and their cost."""
+class Surprise(StrEnum):
+    """What a mission's steps did not foresee."""
 
+    ALARM = "alarm"  # in a room
+    BATTERY = "battery"  # the energy will not do for the way ahead
+    BLOCKED = "blocked"  # there is no way to where a step moves: a door is shut
+    FAILED = "failed"  # a step has failed otherwise
+
+
+class Planner(Agent):
+    """A planner agent: answers each request with the steps that it would do, and their cost.
+
+    `plans` are the kinds of surprise that it plans for.
+    """
+
+    plans: ClassVar[tuple[Surprise, ...]] = (Surprise.ALARM,)
     hears: ClassVar[tuple[type[Message], ...]] = (SubplanRequest,)
     provides: ClassVar[tuple[type[Message], ...]] = (Subplan,)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
@@ -37,23 +55,31 @@ class Planner(Agent):
         """What it would do before the mission goes on; a text: why it knows of nothing.
 
         `request.before` is to be done, `request.ahead` what the mission would do next. If the last
-        step moves to where the first of those does, the mission does not move there again.
+        step moves to where the first of those does, the mission does not move there again. After
+        a step that failed, nothing is to be done before, and it is begun anew after these steps.
         """
         raise NotImplementedError("steps(self, request) says what the planner would do")
 
     def on_subplan_request(self, request: SubplanRequest) -> None:
         """Plan, have the legs planned, and answer."""
+        if request.surprise not in self.plans:
+            return
         found = self.steps(request)
         if isinstance(found, str):
             self._refuse(request, found)
             return
         known = {place.name: Waypoint(place.x, place.y, 0.0) for place in request.places}
-        names = until_objective(found, request.ahead)
+        blocked = request.surprise == Surprise.BLOCKED
+        names = visited(found) if blocked else until_objective(found, request.ahead)
         strange = next((name for name in names if name not in known), None)
         if strange is not None:
             self._refuse(request, f"no place {strange!r}")
             return
         _Legs(self, request, found, [request.at, *(known[name] for name in names)]).go_on()
+
+    def card(self) -> Card:
+        """With what it plans for."""
+        return replace(super().card(), plans=tuple(map(str, self.plans)))
 
     def _refuse(self, request: SubplanRequest, why: str) -> None:
         self.publish(Subplan(request.id, self.instance, (), refusal=line(why)))

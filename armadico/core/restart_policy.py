@@ -1,7 +1,9 @@
 """Who is started again, when, and when that has had no use: a budget, as Erlang's supervisors have.
 
 Sans-IO: ends of processes and the time go in, what to start comes out. So many restarts in so many
-seconds, all processes of a host together; one more, and whoever asks is told to give up.
+seconds, all processes of a host together; one more, and whoever asks is told to give up. Restarts
+that were requested do not count towards that: the process has not failed, and a request must not be
+what ends a host. A request is refused once the budget is spent by restarts of either kind.
 """
 
 from __future__ import annotations
@@ -26,6 +28,16 @@ NEWCOMER_S: Final = 3.0
 That is for people to mend."""
 
 
+SLOWEST: Final = 2.5
+"""A loaded machine multiplies limits by this at most: who hangs must be found there, too, and light
+processes are scheduled soon even where many wait."""
+
+
+def slower(load: float) -> float:
+    """How many times as long everything takes on a machine of this load (runnable per core)."""
+    return min(max(1.0, load), SLOWEST)
+
+
 @dataclass(frozen=True)
 class Budget:
     """At most `restarts` within any `within_s` (s)."""
@@ -39,8 +51,9 @@ class Supervision:
 
     def __init__(self, budget: Budget | None = None) -> None:
         self.budget = budget or Budget()
-        self._starts: deque[tuple[float, str]] = deque()
+        self._starts: deque[tuple[float, str, bool]] = deque()  # when, which, and if requested
         self._due: dict[str, float] = {}
+        self._requested: set[str] = set()  # killed on request, and not started again yet
         self._since: dict[str, float] = {}  # when who has ever begun its work first did
         self._kept_out: dict[str, int] = {}  # how often somebody was in its way, without a break
 
@@ -49,17 +62,20 @@ class Supervision:
         self._since.setdefault(name, now)
         self._kept_out.pop(name, None)
 
-    def refusal(self, now: float) -> str | None:
-        """Why one more restart is not to be had at this time; None if it is.
-
-        For who is asked to restart or start somebody: a request must not be what ends a host.
-        """
-        self._forget(now)
-        planned = len(self._starts) + len(self._due.keys() - self._kept_out.keys())
-        if planned < self.budget.restarts:
+    def refusal(self, now: float, *, requested: bool = True) -> str | None:
+        """Why one more restart is not to be had now; None if it is."""
+        while self._starts and self._starts[0][0] <= now - self.budget.within_s:
+            self._starts.popleft()
+        planned = self._due.keys() - self._kept_out.keys()
+        spent = [was for *_, was in self._starts] + [name in self._requested for name in planned]
+        if len(spent) - (0 if requested else sum(spent)) < self.budget.restarts:
             return None
         most, within = self.budget.restarts, self.budget.within_s
         return f"the budget of {most} restarts in {within:g} s is spent"
+
+    def requested(self, name: str) -> None:
+        """A process is killed because somebody requested its restart: its end is no failure."""
+        self._requested.add(name)
 
     def ended(self, name: str, code: int, now: float, *, replaced: bool = False) -> str | None:
         """A process ended with a code (negative: the signal).
@@ -74,7 +90,6 @@ class Supervision:
         Returns:
             Why to give up; None if it will be due again.
         """
-        self._forget(now)
         newcomer = not replaced and now - self._since.get(name, now) < NEWCOMER_S
         if code == MISUSED and not newcomer:
             often = self._kept_out.get(name, 0)
@@ -84,9 +99,10 @@ class Supervision:
         if code == MISUSED:
             return "it says that it was configured wrongly or is in the way, and would say so again"
         self._kept_out.pop(name, None)
-        if why := self.refusal(now):
+        requested = name in self._requested
+        if not requested and (why := self.refusal(now, requested=False)):
             return why
-        often = sum(1 for _, who in self._starts if who == name)
+        often = sum(1 for _, who, _ in self._starts if who == name)
         self._due[name] = now + PAUSES_S[min(often, len(PAUSES_S) - 1)]
         return None
 
@@ -96,13 +112,15 @@ class Supervision:
         for name in names:
             del self._due[name]
             if name not in self._kept_out:
-                self._starts.append((now, name))
+                self._starts.append((now, name, name in self._requested))
+            self._requested.discard(name)
         return names
 
     def let_go(self, name: str) -> None:
         """A process is not looked after any more."""
         for about in (self._due, self._since, self._kept_out):
             about.pop(name, None)
+        self._requested.discard(name)
 
     def kept_out(self, name: str) -> bool:
         """Whether it waits for somebody to go who is in its way."""
@@ -112,7 +130,3 @@ class Supervision:
     def wakeup(self) -> float | None:
         """When somebody is due next, s."""
         return min(self._due.values(), default=None)
-
-    def _forget(self, now: float) -> None:
-        while self._starts and self._starts[0][0] <= now - self.budget.within_s:
-            self._starts.popleft()

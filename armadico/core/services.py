@@ -80,6 +80,7 @@ SERVICES: tuple[Service, ...] = (
     Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; anyone may"),
     Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
     Service(m.Origin, "encoder/origin", _L, 1, None, "where the odometry's origin lies"),
+    Service(m.InitialPose, "encoder/initial", _E, None, None, "where the robot stands, by people"),
     Service(m.Correction, "localization/correction", _S, 10, 3, "where it lies by map and sonars"),
     Service(m.Particles, "localization/particles", _S, 2, 3, "places where the robot may be"),
     Service(m.Obstacles, "{name}/obstacles", _S, 10, 3, "what is near, by one sensor; body frame"),

@@ -19,6 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import psutil
+
 from armadico.config.discovery import agent_class
 from armadico.core.restart_policy import Budget
 from armadico.launch.processes import (
@@ -32,7 +34,7 @@ from armadico.launch.processes import (
     simulator_words,
 )
 from armadico.launch.society import Member, processes
-from armadico.launch.wakeup import Do, Event, Order, Parameters, Wakeup, lines, orders
+from armadico.launch.wakeup import Do, Event, Load, Order, Parameters, Wakeup, lines, orders
 from armadico.observe.journals import head
 from armadico.runtime.process import AgentHost, identity
 
@@ -42,6 +44,9 @@ if TYPE_CHECKING:
 
 LOOK_S: Final = 0.05
 """How often ended processes and new log lines are looked for."""
+
+LOAD_S: Final = 2.0
+"""How often the machine's load is read."""
 
 LOG_BYTES: Final = 4_000_000
 """A log that is longer is kept as NAME.log.1, and begun anew."""
@@ -125,10 +130,10 @@ class Machine:
 
     def __init__(self) -> None:
         self.orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
-        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event | Load] = queue.SimpleQueue()
 
-    def tell(self, event: Event) -> None:
-        """What became of a process."""
+    def tell(self, event: Event | Load) -> None:
+        """What became of a process, or the machine's load."""
         self._events.put(event)
 
     def read(self, timeout_s: float) -> bytes:
@@ -165,6 +170,7 @@ class Upkeep:
         self._ending: dict[str, float] = {}  # who is to leave, and when it is killed if it has not
         self._port: str | None = None
         self._well = True
+        self._load_at = 0.0
         budget = budget or Budget()
         labels = {label: tuple(m.name for m in group) for label, group in self._groups.items()}
         simulator: dict[str, tuple[str, ...]] = {SIMULATOR: ()} if plan.simulated else {}
@@ -218,6 +224,7 @@ class Upkeep:
             elif order is not None:
                 self._obey(order)
             self._mourn()
+            self._weigh()
             self._relay()
 
     # The wakeup agent ----------------------------------------------------------------------------
@@ -319,6 +326,12 @@ class Upkeep:
             code = process.popen.returncode
             words = process.last_words()
             self.machine.tell(Event(label, 0, ending(code), code, words))
+
+    def _weigh(self) -> None:
+        """Tell the wakeup agent now and then how much this machine has to do."""
+        if time.monotonic() >= self._load_at:
+            self._load_at = time.monotonic() + LOAD_S
+            self.machine.tell(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
 
     def _relay(self) -> None:
         """Pass on what the processes log of faults."""

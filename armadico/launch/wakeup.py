@@ -35,7 +35,7 @@ from armadico.core.messages import (
     WakeupRequest,
     line,
 )
-from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision
+from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision, slower
 
 CARD_S: Final = 0.5
 """What an agent may take to answer the query for its card, before it is queried again."""
@@ -91,7 +91,7 @@ class Order(Struct, frozen=True):
     text: str = ""
 
 
-class Event(Struct, frozen=True):
+class Event(Struct, frozen=True, tag=True):
     """What became of a process: it began, or it ended."""
 
     label: str
@@ -99,6 +99,12 @@ class Event(Struct, frozen=True):
     ending: str = ""  # how it ended, for people; empty: it has begun
     code: int = 0
     words: str = ""  # its last ones
+
+
+class Load(Struct, frozen=True, tag=True):
+    """How much the machine has to do."""
+
+    per_core: float  # runnable processes, on average over the last minute
 
 
 def lines(what: Struct) -> bytes:
@@ -120,7 +126,7 @@ class _Process:
     pid: int = 0
     lent: bool = False
     why: str = ""
-    hangs_at: float | None = None  # when it is killed if it cannot be seen by then
+    began_at: float | None = None  # when it was started, until it can be seen
     back_at: float = inf  # when its own host had what is lent again
 
 
@@ -144,6 +150,7 @@ class Wakeup(DeviceAgent):
         self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
         self._reported: dict[int, float] = {}  # when monitors of this host last did, by process
         self._half = b""  # of a line
+        self._load = 0.0
         self._ready = False
         self._share_at = self._look_at = self._heard_at = 0.0
         self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
@@ -225,7 +232,7 @@ class Wakeup(DeviceAgent):
         for label, process in self._kept.items():
             starting = process.state is KeptState.STARTING and process.pid
             if starting and all((name, process.pid) in here for name in process.agents):
-                process.hangs_at = None
+                process.began_at = None
                 self._became(label, KeptState.UP)
                 self.supervision.began(label, self.now)
         self._say_once()
@@ -246,8 +253,10 @@ class Wakeup(DeviceAgent):
         """What became of processes."""
         *whole, self._half = (self._half + data).split(b"\n")
         for text in whole:
-            event = msgspec.json.decode(text, type=Event)
-            if event.ending:
+            event = msgspec.json.decode(text, type=Event | Load)
+            if isinstance(event, Load):
+                self._load = event.per_core
+            elif event.ending:
                 self._ended(event)
             else:
                 self._began(event)
@@ -257,7 +266,7 @@ class Wakeup(DeviceAgent):
         if process is None:
             return
         process.pid = event.pid
-        process.hangs_at = self.now + START_S if process.agents else None
+        process.began_at = self.now if process.agents else None
         self._became(event.label, KeptState.STARTING if process.agents else KeptState.UP)
         if not process.agents:
             self.supervision.began(event.label, self.now)
@@ -274,7 +283,7 @@ class Wakeup(DeviceAgent):
             self._look_again()
             return
         self._reported.pop(process.pid, None)
-        process.pid, process.hangs_at = 0, None
+        process.pid, process.began_at = 0, None
         if process.state is KeptState.ENDED:  # as somebody asked
             self._tell()
             return
@@ -358,6 +367,7 @@ class Wakeup(DeviceAgent):
                 continue  # another one is there by now, or is about to be
             if refusal := self.supervision.refusal(self.now):
                 return refusal
+            self.supervision.requested(label)
             self._kill(label, _asked(request))
         return ""
 
@@ -404,13 +414,14 @@ class Wakeup(DeviceAgent):
                 continue
             self._became(label, KeptState.STARTING)
             self._order(Do.START, label)
+        times = slower(self._load)
         for label, process in self._kept.items():
-            if process.hangs_at is not None and self.now >= process.hangs_at:
-                process.hangs_at = None
-                self._kill(label, f"it cannot be seen on the mesh after {START_S:g} s")
-            elif self.now - self._reported.get(process.pid, self.now) >= MONITOR_S:
+            if process.began_at is not None and self.now - process.began_at >= START_S * times:
+                process.began_at = None
+                self._kill(label, f"it cannot be seen on the mesh after {START_S * times:.0f} s")
+            elif self.now - self._reported.get(process.pid, self.now) >= MONITOR_S * times:
                 del self._reported[process.pid]
-                self._kill(label, f"it watches, and has said nothing for {MONITOR_S:g} s")
+                self._kill(label, f"it watches, and has said nothing for {MONITOR_S * times:.0f} s")
         if self.now >= self._share_at:
             self._tell()
         self._look_again()
@@ -435,7 +446,7 @@ class Wakeup(DeviceAgent):
         )
         can = tuple(name for name in self.p.can if not any(name in k.agents for k in kept))
         needs = () if leaving else self.p.needs
-        self.publish(HostShare(self.instance, self.p.host, kept, can, needs, leaving))
+        self.publish(HostShare(self.instance, self.p.host, kept, can, needs, leaving, self._load))
         self._share_at = self.now + SHARE_S
         self._look_again()
 

@@ -85,7 +85,7 @@ PRESS_S: Final = 0.1
 """How often a stop is published until it is acknowledged, and while that is looked at."""
 
 
-def heading_to(x: float, y: float, pose: Pose | None) -> float:
+def heading_to(x: float, y: float, pose: Pose | Waypoint | None) -> float:
     """The heading of a straight line from a robot's pose to a place (m), rad; 0 without a pose."""
     return 0.0 if pose is None else math.atan2(y - pose.y, x - pose.x)
 
@@ -242,7 +242,13 @@ class Client:
     # The robot ------------------------------------------------------------------------------------
 
     def goto(
-        self, x: float, y: float, theta: float | None = None, *, direct: bool = False
+        self,
+        x: float,
+        y: float,
+        theta: float | None = None,
+        *,
+        direct: bool = False,
+        start: tuple[float, float, float] | None = None,
     ) -> Mission:
         """Send the robot to a pose (m, m, rad); returns as soon as the mission is accepted.
 
@@ -250,7 +256,8 @@ class Client:
             mission.wait(timeout=60.0)
 
         Without a heading the robot is to look from where it is now towards the goal. The way is the
-        path planner's, unless it is to be `direct`.
+        path planner's, unless it is to be `direct`. `start` tells the robot where it stands now (m,
+        m, rad), if that is known better than by its pose.
 
         Raises:
             AbsentError: There is no interface agent.
@@ -258,10 +265,12 @@ class Client:
             MessageError: A pose that is no place.
         """
         self.listen(MissionStatus, RobotState)
+        here = None if start is None else Waypoint(*start[:2], math.remainder(start[2], math.tau))
         if theta is None:
-            theta = heading_to(x, y, self.latest(Pose, POSE_S))
+            theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
-        return Mission(self, self.hand_over(MissionRequest(goal, planned=not direct)))
+        request = MissionRequest(goal, planned=not direct, start=here)
+        return Mission(self, self.hand_over(request))
 
     def hand_over(
         self,

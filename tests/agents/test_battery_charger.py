@@ -20,15 +20,12 @@ from armadico.core.exchange import Bid
 from armadico.core.geometry import relative
 from armadico.core.messages import (
     BatteryLevel,
-    Board,
-    BoardMission,
     ChargeState,
     ChargeStatus,
     EnergyReply,
     EnergyRequest,
     Log,
     Message,
-    MissionEnd,
     MissionStatus,
     Planned,
     Pose,
@@ -196,21 +193,17 @@ def test_by_sonars_and_localization_it_docks_within_a_few_centimetres(
     assert abs(society.truth.v) < 0.01
 
 
-def board(society: Society, state: MissionEnd, counter: int = 1) -> None:
-    """A mission of middling priority, as mission planning would have it on the board."""
-    told = BoardMission(1, "photos", 0.5, state)
-    society.sender.publish(Board(counter, 1, (told,)))
-
-
-def test_a_mission_that_takes_a_photo_is_not_driven_away_from() -> None:
+def test_anybodys_robot_that_stands_for_a_task_is_not_driven_away() -> None:
+    """What standing is worth, the charger sees by the claim for the trajectory, of any agent."""
     society = Society(0.9, capacity_ah=5.0)
     society.until(lambda: society.mesh.now > 3.0, 5.0)
-    board(society, MissionEnd.ACTIVE)
+    society.sender.errand.stand(society.sender.latest(Pose))
+    society.run(2.0)
     society.rehearsal.robot.plant.battery.charge = 0.4
     society.restart("battery-sensor")  # it knows at once
     society.run(20.0)
     assert {state for _, state in society.states} == {ChargeState.NONE}
-    board(society, MissionEnd.DONE, 2)
+    society.sender.errand.drop()
     society.until(lambda: society.state is ChargeState.TO_DOCK, 5.0)
 
 
@@ -303,7 +296,7 @@ def test_a_dock_that_will_not_do_is_left_for_another_one() -> None:
     charger = next(node for node in society.mesh.nodes if node.name == "battery-charger").agent
     charger.errand.stage, charger.errand.note = Stage.FAILED, "somebody stands before it"
     society.until(lambda: heard[-1].name not in ("", first), 15.0)
-    assert society.state is ChargeState.TO_DOCK
+    society.until(lambda: society.state is ChargeState.TO_DOCK, 10.0)
 
 
 def test_without_a_dock_on_the_map_people_are_told() -> None:

@@ -26,6 +26,7 @@ from armadico.core.geometry import compose, relative
 from armadico.core.messages import (
     Correction,
     Cycle,
+    InitialPose,
     Log,
     Message,
     Origin,
@@ -401,3 +402,16 @@ def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
     for _ in range(2 * AGAIN_CYCLES):
         robot.at(0.0, 0.0, 0.0)
     assert sum(isinstance(message, Origin) for message in robot.said) == 2
+
+
+def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
+    robot = Robot(1.0, 2.0)
+    robot.at(0.5, 0.0, 0.0)
+    wrong = Correction(Cycle(1, 2), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
+    robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
+    pose = robot.at(0.5, 0.0, 0.0)
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.0, pi / 2))
+    robot.encoder.receive(wrong, robot.now)  # it was under way already
+    pose = robot.at(0.6, 0.0, 0.0)
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.1, pi / 2))
+    assert robot.origin().counter > 1

@@ -10,6 +10,7 @@ from armadico.core.messages import (
     LARGEST_COUNT,
     WAYPOINTS,
     Cycle,
+    InitialPose,
     Log,
     MissionReply,
     MissionRequest,
@@ -813,3 +814,32 @@ def test_nor_does_it_once_somebody_else_was_faster_than_its_plan() -> None:
     desk.planned(PLAN)
     assert "under way for somebody else" in desk.replies[number].refusal
     assert len(desk.trajectories()) == 1
+
+
+def test_a_mission_that_says_where_the_robot_stands_waits_for_the_pose_to_be_there() -> None:
+    desk, here = Desk(), Waypoint(1.0, 1.0, 0.0)
+    desk.at(5.0, 5.0)
+    asked = desk.request(MissionRequest(GOAL, planned=False, start=here))
+    assert InitialPose(1.0, 1.0, 0.0) in desk.said
+    desk.at(5.0, 5.0)
+    assert not desk.replies
+    desk.at(1.0, 1.0)
+    assert desk.replies[asked].refusal == ""
+    assert desk.trajectories()[-1].start == Point(1.0, 1.0)
+
+
+def test_without_an_encoder_agent_that_takes_it_on_such_a_mission_is_refused() -> None:
+    desk = Desk()
+    desk.at(5.0, 5.0)
+    asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
+    for _ in range(25):
+        desk.at(5.0, 5.0)
+    assert "no encoder agent" in desk.replies[asked].refusal
+
+
+def test_a_robot_that_moves_is_not_told_where_it_stands() -> None:
+    desk = Desk()
+    desk.at(5.0, 5.0, speed=ROLLING)
+    asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
+    assert "it moves" in desk.replies[asked].refusal
+    assert not [said for said in desk.said if isinstance(said, InitialPose)]

@@ -64,6 +64,17 @@ def test_several_that_end_at_once_count_before_they_are_started() -> None:
     assert supervision.ended("avoid", -9, 0.0) is not None
 
 
+def test_restarts_on_request_have_a_budget_of_their_own() -> None:
+    supervision = Supervision(Budget(1, 30.0))
+    assert supervision.refusal(0.0) is None
+    supervision.requested("goto")
+    restart(supervision, "goto", 0.0)
+    assert supervision.refusal(1.0) is not None, "no further request"
+    assert supervision.ended("avoid", -9, 1.0) is None, "and a failure does not pay for it"
+    assert supervision.due(1.0) == ["avoid"]
+    assert supervision.ended("goto", -9, 2.0) is not None
+
+
 def test_what_is_long_ago_is_forgotten() -> None:
     supervision = Supervision(Budget(1, 30.0))
     begun = restart(supervision, "goto", 0.0)

@@ -24,7 +24,7 @@ SURFACE = {
     *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress", "Reach"),
     *("Stand", "Task"),
     # planner agents of one's own
-    *("Planner", "PlanStep", "SubplanRequest"),
+    *("Planner", "PlanStep", "SubplanRequest", "Surprise"),
     # messages
     *("Ack", "Ask", "Ballot", "BidHistory", "BidRecord", "Card", "Cell", "Claim", "Command"),
     *("Cycle", "Description", "Echo", "Latched", "LocalMap", "Log", "Message"),

@@ -11,10 +11,12 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.monitor import Parameters
+from armadico.agents.localization import Localization
+from armadico.agents.monitor import Monitor, Parameters
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario
 from armadico.core.messages import (
+    Correction,
     HostShare,
     KeptState,
     Message,
@@ -29,7 +31,7 @@ from armadico.core.restart_policy import Budget
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.launch.wakeup import Wakeup
+from armadico.launch.wakeup import Load, Wakeup, lines
 from armadico.mesh.virtual import Node
 from tests.driven import Driven
 
@@ -39,6 +41,7 @@ DRIVEN = ideal(SC4, keeping=("relocate",))
 
 EVERYBODY = (*DRIVEN.agents, "monitor")
 ONE = HostTable({"here": Host(agents=("robot", *EVERYBODY))})
+LOCALIZED = HostTable({"here": Host(agents=("robot", *SC4.agents, "monitor"))})
 TWO = HostTable(
     {
         "a": Host(agents=("robot", "encoder", "sonar", "localization", "monitor")),
@@ -170,11 +173,113 @@ def test_who_is_late_again_is_given_more_time() -> None:
         begun = society.mesh.now
         society.mesh.node("encoder").agent._handlers[RobotState] = lambda _: None
         society.back("encoder", within)
-        took.append(society.mesh.now - begun)
+        society.let_pass(4.0)  # it is late only with what it has published regularly
+        took.append(society.mesh.now - begun - 4.0)
     late_s = Parameters().late_s
     assert took[0] < 2 * late_s < took[1] < 4 * late_s < took[2]
     society.let_pass(30.0)
     assert society.more() == {"encoder": 3}
+
+
+# Slow is not hung, and sometimes is not late ------------------------------------------------------
+
+
+def test_an_agent_that_never_publishes_what_its_card_provides_is_left_alone() -> None:
+    """In a world without walls localization has nothing to correct."""
+    society = Society(LOCALIZED, replace(load_scenario("sc1"), goal=None))
+    society.let_pass(60.0)
+    assert "localization" in {node.name for node in society.mesh.nodes}
+    assert (society.notes, society.more()) == ([], {})
+
+
+class Muted:
+    """Keeps localization, each instance of it, from publishing corrections while `quiet`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.quiet = False
+        publish = Localization.publish
+
+        def muted(agent: Localization, message: Message, **how: Any) -> None:
+            if not (self.quiet and isinstance(message, Correction)):
+                publish(agent, message, **how)
+
+        monkeypatch.setattr(Localization, "publish", muted)
+
+
+def test_a_pause_that_an_agent_ended_by_itself_is_allowed_to_be_longer_next_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    muted, society = Muted(monkeypatch), Society(LOCALIZED, SC4).let_pass(8.0)
+    for seconds in (3.0, 5.0, 9.0):
+        muted.quiet = True
+        society.let_pass(seconds)
+        muted.quiet = False
+        society.let_pass(6.0)
+    assert (society.notes, society.more()) == ([], {})
+
+
+def test_an_agent_that_publishes_on_and_off_is_restarted_once_at_most(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    muted, society = Muted(monkeypatch), Society(LOCALIZED, SC4).let_pass(8.0)
+    for _ in range(6):
+        muted.quiet = not muted.quiet
+        society.let_pass(9.0)
+    assert society.more() == {"localization": 1}
+
+
+@pytest.mark.parametrize("fault", ["hung", "slow"])
+def test_if_most_of_a_host_is_silent_at_once_it_is_the_machine(fault: str) -> None:
+    society = Society(TWO).let_pass(6.0)
+    slow = [
+        node
+        for node in society.mesh.nodes
+        if node.agent.identity.host == "b" and node.name not in ("monitor", "wakeup")
+    ]
+    for node in slow:
+        node.hang() if fault == "hung" else node.slow_down(6.0)
+    society.let_pass(8.0)
+    for node in slow:
+        node.resume() if fault == "hung" else node.slow_down(0.0)
+    society.let_pass(15.0)
+    assert society.more() == {}
+    assert any("the machine is slow or disconnected" in note for note in society.notes)
+    assert society.arrives()
+
+
+def test_a_host_that_stays_silent_is_given_up_in_the_end_within_its_budget() -> None:
+    society = Society(TWO).let_pass(6.0)
+    for node in list(society.mesh.nodes):
+        if node.agent.identity.host == "b" and node.name not in ("monitor", "wakeup"):
+            FAULTS["deaf"](node)
+    society.let_pass(Parameters().machine_s + 15.0)
+    assert society.more().keys() <= {"goto", "avoid", "gothrough", "path-planning", "interface"}
+    assert sum(society.more().values()) == Parameters().restarts
+
+
+def test_on_a_loaded_machine_everything_may_take_longer() -> None:
+    society = Society().let_pass(6.0)
+    society.run.hosts["here"].wakeup.agent.take_bytes(lines(Load(3.0)), society.mesh.now)
+    society.let_pass(2.0)
+    node = society.mesh.node("goto")
+    FAULTS["deaf"](node)
+    society.let_pass(10.0)
+    assert (society.notes, society.more()) == ([], {})
+    society.back("goto", 8.0)
+
+
+def test_a_host_has_a_budget_of_restarts_and_one_who_works_does_not_pay_for_it() -> None:
+    society = Society().let_pass(6.0)
+    monitor = society.mesh.node("monitor").agent
+    assert isinstance(monitor, Monitor)
+    monitor.p = replace(monitor.p, restarts=1)
+    FAULTS["deaf"](society.mesh.node("goto"))
+    society.back("goto", 7.0)
+    FAULTS["deaf"](society.mesh.node("avoid"))
+    society.let_pass(30.0)
+    assert society.more() == {"goto": 1}
+    assert "here: its 1 restarts in 60 s are spent" in society.notes
+    society.back("avoid", 40.0)
 
 
 def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:

@@ -28,6 +28,7 @@ from armadico.launch.wakeup import (
     START_S,
     Do,
     Event,
+    Load,
     Order,
     Parameters,
     Wakeup,
@@ -194,6 +195,15 @@ def test_who_cannot_be_seen_for_long_hangs_and_is_killed() -> None:
     assert bench.pass_time(2.0) == [(Do.KILL, "avoid")]
     bench.ends("avoid")
     assert bench.pass_time(1.0) == [(Do.START, "avoid")]
+
+
+def test_on_a_loaded_machine_a_start_may_take_as_many_times_longer() -> None:
+    bench = Bench(up=False)
+    bench.begins("goto", GOTO)
+    bench.agent.take_bytes(lines(Load(2.0)), bench.now)
+    assert bench.pass_time(2 * START_S - 1.0) == []
+    assert bench.share().load == 2.0
+    assert bench.pass_time(2.0) == [(Do.KILL, "goto")]
 
 
 # Ending -------------------------------------------------------------------------------------------

@@ -10,9 +10,11 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.methods import procedures
+from armadico.agents.methods.errands import Errand, Stage
 from armadico.agents.path_planning import PathPlanning
 from armadico.config.scenarios import Battery
-from armadico.core.agent import Agent, Question
+from armadico.core.agent import Agent, Identity, Question
+from armadico.core.exchange import Bid
 from armadico.core.messages import (
     LARGEST_PAYLOAD,
     Alarm,
@@ -31,9 +33,17 @@ from armadico.core.messages import (
     Plan,
     Planned,
     PlanRequest,
+    PlanStep,
+    Pose,
+    StepEnd,
+    Subplan,
+    SubplanRequest,
+    Trajectory,
     Waypoint,
     encode,
 )
+from armadico.core.planner import Planner, Surprise
+from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 from armadico.core.tasks import Beliefs, Done, Task
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
@@ -439,13 +449,114 @@ def test_an_alarm_in_no_room_is_ignored_however_many_there_are() -> None:
     assert building.board.alarms == ("R21",)
 
 
+class Urgent(Agent):
+    """Has the robot driven to R2, whatever it stands for."""
+
+    name = "urgent"
+    hears = (Pose, Trajectory, Planned, MissionStatus)
+    competes_for = (PLANNER, TRAJECTORY)
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.errand = Errand(self.rng)
+        self._sent = False
+
+    def on_pose(self, pose: Pose) -> None:
+        self.errand.pose(pose)
+        if not self._sent:
+            self._sent = True
+            self.errand.go(Waypoint(2.0, 2.0, 0.0), pose)
+        elif self.errand.stage is Stage.REACHED:
+            self.errand.drop()
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        self.errand.trajectory(trajectory)
+
+    def on_planned(self, planned: Planned) -> None:
+        self.errand.planned(planned)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        self.errand.status(status)
+
+    def bid_for(self, resource: Resource, message: Any) -> Bid | None:
+        return self.errand.bid_for(resource, 0.9)
+
+
+# What the steps did not foresee -------------------------------------------------------------------
+
+
+class Patient(Planner):
+    """Waits before a door that is shut, and before what has failed otherwise."""
+
+    name = "planner-patient"
+    plans = (Surprise.BLOCKED, Surprise.FAILED)
+
+    def steps(self, request: SubplanRequest) -> list[PlanStep]:
+        return [PlanStep.of("wait", seconds=2.0)]
+
+
+class Elsewhere(Patient):
+    """Would do the same about alarms only, and is not asked."""
+
+    name = "planner-elsewhere"
+    plans = (Surprise.ALARM,)
+
+
+@pytest.mark.parametrize(
+    ("row", "surprise"),
+    [('do = "move", to = "R11"', "blocked"), ('do = "explore"', "failed")],
+)
+def test_planner_agents_that_plan_for_it_are_asked_before_a_step_fails(
+    row: str, surprise: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    building = Building()
+    for kind in (Patient, Elsewhere):
+        building.joins(kind)
+    building.run(1.0)
+    refused = Plan((), refusal="the door is shut")
+    monkeypatch.setattr(PathPlanning, "_plan", lambda *_: refused)
+    number = building.taken(text(row))
+    building.until(lambda: building.ended(number), 150.0)
+    (request,) = building.heard(SubplanRequest)
+    assert (request.surprise, request.before) == (surprise, ())
+    (answer,) = building.heard(Subplan)
+    assert answer.planner.startswith("planner-patient-")
+    results = building.mission(number).course.results
+    assert [result.end for result in results] == [StepEnd.DONE, StepEnd.FAILED]
+    assert results[0].step == "wait(2.0)"
+    assert building.mission(number).state is MissionEnd.FAILED
+
+
+def test_a_step_that_fails_only_once_is_done_after_the_sub_plan() -> None:
+    building = Building(without=("planner-onward", "planner-returning"))
+    building.joins(Patient)
+    explorer: Any = building.joins(ToyExplorer).agent
+    explorer.refuses = "not now"
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.until(lambda: bool(building.heard(SubplanRequest)), 60.0)
+    explorer.refuses = ""
+    building.until(lambda: building.ended(number), 60.0)
+    assert building.mission(number).state is MissionEnd.DONE
+
+
+def test_planner_agents_are_asked_when_the_energy_will_not_do() -> None:
+    building = Building(battery=Battery(charge=0.45, capacity_ah=0.1))
+    number = building.taken(text('do = "move", to = "R1"'), 1.0)
+    building.until(lambda: bool(building.heard(Subplan)), 30.0)
+    (request,) = building.heard(SubplanRequest)
+    assert (request.surprise, str(request.before[0])) == ("battery", "dock")
+    building.until(lambda: building.doing(number) == "dock", 10.0)
+
+
 def test_who_is_driven_away_while_it_stands_for_a_task_comes_back_to_it() -> None:
     building = Building()
     number = building.taken(text('do = "take-photo", room = "hall", seconds = 3'))
     building.run(1.0)
-    building.rehearsal.client.hand_over(MissionRequest(Waypoint(2.0, 2.0, 0.0)))  # in R2
+    urgent: Any = building.joins(Urgent).agent
     building.until(lambda: building.pose().y < 3.0, 60.0)
     assert "not where it is to stand" in building.mission(number).note
+    building.until(lambda: urgent.errand.stage is Stage.NONE, 60.0)
     building.until(lambda: building.ended(number), 120.0)
     (photo,) = building.heard(Photo)
     assert (photo.x, photo.y) == pytest.approx((2.0, 5.0), abs=0.2)

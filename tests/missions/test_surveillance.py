@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import pytest
+
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import (
     Card,
@@ -87,20 +89,20 @@ def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_fi
     assert [m.room for m in heard if isinstance(m, Photo)] == ["R1", "R11"]
 
 
-def test_while_it_stands_for_a_photo_it_holds_nothing_that_another_may_want(once: Once) -> None:
-    """Whoever is more urgent has the planner and the trajectory at once (3.3.2, 3.6.1)."""
+def test_while_it_stands_for_a_photo_it_claims_the_trajectory_and_no_planner(once: Once) -> None:
+    """Whoever is more urgent may take the robot, and sees by the claim what it is kept for."""
     said = surveillance(once).said
     claimed = [
-        (at, claim.utility)
+        (at, claim.resource, claim.utility)
         for at, _, claim in said
         if isinstance(claim, Claim) and claim.ballot.instance.startswith("mission-planning-")
     ]
     photos = [at for at, _, message in said if isinstance(message, Photo)]
     assert len(photos) == 2
     for taken in photos:
-        before = [utility for at, utility in claimed if at < taken]
-        assert before[-1] is None, "released"
-        assert not any(taken - 2.5 < at < taken for at, _ in claimed), "for as long as it stood"
+        stood = [claim for at, *claim in claimed if taken - 2.5 < at < taken]
+        assert len(stood) >= 4, "for as long as it stood"
+        assert all(claim == ["trajectory", pytest.approx(0.45)] for claim in stood)
 
 
 def in_r1(building: Building) -> int:

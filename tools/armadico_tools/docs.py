@@ -267,6 +267,31 @@ def scenes() -> str:
     return table(("scene", "what happens"), rows)
 
 
+def patterns() -> str:
+    """The agent pattern of the thesis (figure 3.6), filled in by what each class declares."""
+    kinds = peers()
+    rows = []
+    for name, kind in kinds.items():
+        hears = {message.__name__ for message in (*kind.hears, *kind.needs)}
+        sources = (*kind.hears, *kind.needs, *kind.asks)
+        with_ = [
+            n for n, k in kinds.items() if {*k.provides, *k.answers} & {*sources} and n != name
+        ]
+        rivals = [n for n, k in kinds.items() if {*k.competes_for} & {*kind.competes_for}]
+        rows.append(
+            (
+                f"`{name}`",
+                (kind.__doc__ or "").splitlines()[0],
+                ", ".join(sorted(hears)),
+                ", ".join(with_),
+                ", ".join(resource.name for resource in kind.competes_for),
+                ", ".join(n for n in rivals if n != name),
+            )
+        )
+    head = ("agent", "goal", "internal state: receives", "collaborates with", "competes for")
+    return table((*head, "against"), rows)
+
+
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "keys": keys,
     "fields": fields,
@@ -277,6 +302,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "laboratory": lambda: commands("armadico_tools."),
     "scenes": scenes,
     "agents": agent_list,
+    "patterns": patterns,
     "more agents": partial(agent_list, asked_for=True),
 }
 
