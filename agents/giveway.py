@@ -39,7 +39,7 @@ PERIOD_S: Final = 0.5
 """From one cycle of the fleet's passages to the next."""
 
 CONFIRMED: Final = 2
-"""Cycles that a passage is held before the robot enters: a rival with a better bid is known then."""
+"""Cycles that a passage is held before the robot enters: a better bid is known by then."""
 
 MARGIN: Final = 0.05
 
@@ -249,7 +249,7 @@ class GiveWay(Behaviour):
             return None  # it would stand in there, and others have to go through
         waited = self.now - self._waits_since.get(passage, self.now)
         near = 1.0 - away / self.p.contend_m
-        return 0.5 + 0.3 * waited / (waited + HALF_S) + 0.1 * max(near, 0.0)
+        return 0.45 + 0.3 * waited / (waited + HALF_S) + 0.2 * max(near, 0.0)
 
     def _occupied(self, passage: int) -> bool:
         """Whether another robot is inside, as far as it is known."""

@@ -39,7 +39,7 @@ WAIT_M: Final = 1.2
 """A robot that waits keeps so far from every passage, where there is room."""
 
 GROWN_CELLS: Final = 3
-"""So many cells beside a passage, nearer to walls than any robot's middle should be, belong to it."""
+"""So many cells beside a passage, nearer to walls than `BODY_M`, belong to it."""
 
 STEP_M: Final = 0.1
 """From one place of a way that is looked at to the next."""
@@ -122,8 +122,8 @@ def _labels(clearance: NDArray[np.float64]) -> NDArray[np.int16]:
     passage = np.zeros_like(free)
     for piece, window in _windows(pieces).items():
         mine = pieces[window] == piece
-        mouths = regions(_grown(mine, 2) & opened[window])
-        if piece in deep or len(np.unique(mouths)) > 2:
+        mouths = np.count_nonzero(np.unique(regions(_grown(mine, 2) & opened[window])))
+        if mouths > (0 if piece in deep else 1):
             passage[window] |= mine
     if passage.any():
         grounds = regions(opened)

@@ -121,9 +121,7 @@ class Sharing:
         age = self.clock.cycles.age(rival.claim.cycle)
         return rival.claim if age is not None and age <= self.clock.cycles.fresh_cycles else None
 
-    def hear_claims(
-        self, instance: str, cycle: Cycle, claims: Iterable[Claim], now: float
-    ) -> bool:
+    def hear_claims(self, instance: str, cycle: Cycle, claims: Iterable[Claim], now: float) -> bool:
         """Take all that another robot holds in a cycle; return whether a turn begins."""
         if instance == self.instance or cycle.epoch != self.clock.epoch:
             return False

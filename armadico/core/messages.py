@@ -857,11 +857,11 @@ class FleetPose(Message, frozen=True):
 
 
 class FleetPassages(Message, frozen=True):
-    """The passages that a robot holds in a cycle of the fleet, and those that it has to drive through.
+    """The passages that a robot holds in a cycle of the fleet, and those that it drives through.
 
-    The claims are those of the resources `passage-0`, `passage-1` and so on. The cycle's epoch tells
-    maps apart. `through` are the passages that its way leads into and out of again. `waits`: the
-    robot stands until it holds the next one.
+    The claims are those of the resources `passage-0`, `passage-1` and so on. The cycle's epoch
+    tells maps apart. `through` are the passages that its way leads into and out of again. `waits`:
+    the robot stands until it holds the next one.
     """
 
     robot: Name
