@@ -66,6 +66,10 @@ BEFORE_M: Final = 0.5
 """A robot that has left one passage stops so far before the next; `stop_m` only where there is
 room."""
 
+MOUTH_M: Final = 0.8
+"""Nearer to a passage that another robot holds, a robot is in the way of that robot, and backs off.
+"""
+
 HALF_S: Final = 60.0
 """A contender that has waited for so long has gained half of all that waiting gains."""
 
@@ -283,7 +287,7 @@ class GiveWay(Behaviour):
             self.why = "the map has no passages" if self.passages else "there is no map"
             return None
         self._look()
-        bid = self._leave(here, obstacles) or self._stop(here)
+        bid = self._leave(here, obstacles) or self._stop(here, obstacles)
         self._waits = bid is not None
         if bid is None:
             self.why = "no passage ahead that another robot may use"
@@ -298,10 +302,13 @@ class GiveWay(Behaviour):
         rival = sharing.rival(inside)
         if rival is None:
             return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {inside}")
-        v, w = self._backwards(here, obstacles)
-        return Bid(self.p.utility, (v, w), reason=f"leaves passage {inside}: another robot has it")
+        return self._back_off(here, obstacles, inside)
 
-    def _stop(self, here: Pose2) -> Bid | None:
+    def _back_off(self, here: Pose2, obstacles: Obstacles, passage: int) -> Bid:
+        v, w = self._backwards(here, obstacles)
+        return Bid(self.p.utility, (v, w), reason=f"backs off for the holder of passage {passage}")
+
+    def _stop(self, here: Pose2, obstacles: Obstacles) -> Bid | None:
         """Stand before a passage that the robot does not hold, or behind a robot that does so."""
         sharing, passages = self.sharing, self.passages
         assert sharing is not None, "of shared passages"
@@ -312,6 +319,8 @@ class GiveWay(Behaviour):
         if sharing.confirmed(passage, CONFIRMED):
             return None
         leaving = any(passages.near(each, *here[:2], self.p.left_m) for each in sharing.held)
+        if away < MOUTH_M and not leaving and sharing.rival(passage) is not None:
+            return self._back_off(here, obstacles, passage)
         if away <= (BEFORE_M if leaving else self.p.stop_m):
             return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {passage}")
         if not leaving and (ahead := self._queued_ahead(here, passage)):
