@@ -48,10 +48,7 @@ def test_a_death_of_the_experiment() -> None:
     assert 0 < row.left < TASKS
 
 
-@pytest.mark.parametrize(
-    ("world", "robots"),
-    [("corridor 6 m x 1.1", 2), ("goal inside", 3), ("dead end", 3), ("rooms-a", 2)],
-)
+@pytest.mark.parametrize(("world", "robots"), [("corridor 6 m x 1.1", 2), ("goal inside", 2)])
 def test_robots_pass_each_other_where_it_is_too_narrow_for_two(world: str, robots: int) -> None:
     """A robot that drives in without holding the passage meets another one in there."""
     row = passing((world, robots, 9001))
