@@ -83,9 +83,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
     w_most: Annotated[float, Meta(gt=0, le=2)] = 0.5  # rad/s
     contend_m: Metres = 4.0  # it contends for a passage that is so near on its way
-    stop_m: Metres = 1.6  # and waits so far before it
+    stop_m: Metres = 2.0  # and waits so far before it
     left_m: Metres = 0.5  # it has left a passage that is so far off
-    queue_m: Metres = 1.2  # it keeps so far behind a robot that waits for the same passage
+    queue_m: Metres = 1.2  # it keeps so far behind a robot that needs the same passage
     utility: Annotated[float, Meta(gt=0, le=1)] = 0.95
     safety: Safety = Safety(slow=0.2)
 
@@ -323,18 +323,26 @@ class GiveWay(Behaviour):
             return self._back_off(here, obstacles, passage)
         if away <= (BEFORE_M if leaving else self.p.stop_m):
             return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {passage}")
-        if not leaving and (ahead := self._queued_ahead(here, passage)):
+        near = away <= self.p.contend_m and not leaving
+        if near and (ahead := self._queued_ahead(here, passage)):
             return Bid(self.p.utility, (0.0, 0.0), reason=f"waits behind {ahead}")
         return None
 
     def _queued_ahead(self, here: Pose2, passage: int) -> str:
-        """A robot just ahead that waits for the same passage; "" if there is none."""
+        """A robot just ahead that needs the same passage; "" if there is none.
+
+        Two that come side by side do not both drive on until they stand beside each other: there
+        they could not turn.
+        """
+        name = resource_of(passage).name
         for robot, (_, there) in self._robots.others(self.now).items():
             said, at = self._heard.get(robot, (None, -inf))
-            if said is None or not said.waits or self.now - at > SPOKEN_S:
+            if said is None or passage not in said.through or self.now - at > SPOKEN_S:
+                continue
+            if any(claim.resource == name for claim in said.claims):
                 continue
             x, y, _ = relative(here, there)
-            if passage in said.through and hypot(x, y) < self.p.queue_m and x > abs(y):
+            if x > 0.0 and hypot(x, y) < self.p.queue_m:
                 return robot
         return ""
 

@@ -109,7 +109,7 @@ def test_two_that_come_from_both_sides_drive_through_one_after_the_other(world: 
     fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
     fleet.run(20.0)
     waits = fleet.robots["b"]
-    assert waits.x == pytest.approx(MOUTHS[1] + 1.6, abs=0.4), "clear of the mouth"
+    assert waits.x == pytest.approx(MOUTHS[1] + 2.0, abs=0.4), "clear of the mouth"
     assert waits.speed == (0.0, 0.0)
     fleet.run(60.0)
     assert fleet.arrived
