@@ -20,6 +20,7 @@ from armadico.core.messages import (
     Description,
     FleetBoard,
     FleetClaims,
+    FleetPassages,
     FleetPose,
     FleetReply,
     FleetRequest,
@@ -90,7 +91,7 @@ class Fleet(Agent):
     name = "fleet"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
-        *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims),
+        *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims, FleetPassages),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (
         *(FleetPose, FleetTasks, FleetClaims, FleetBoard, FleetStatus),
@@ -215,6 +216,11 @@ class Fleet(Agent):
             self._remember()
         self._look_whether_done()
         self._go_on()
+
+    def on_fleet_passages(self, said: FleetPassages) -> None:
+        """Note that this robot waits before a passage: it is not stuck."""
+        if said.robot == self.robot and said.waits:
+            self._nearer_at = self.now
 
     def on_fleet_board(self, board: FleetBoard) -> None:
         """What the other agents of this robot remember: this one was started again."""

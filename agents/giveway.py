@@ -1,28 +1,52 @@
-"""The giveway agent: of two robots that stand head on in a narrow place, has one back off."""
+"""The giveway agent: has the robot wait before a passage that another robot of its fleet holds."""
 
 from __future__ import annotations
 
-from math import atan2, dist, hypot, inf, radians
+from collections.abc import Mapping
+from functools import cache
+from math import dist, hypot, inf
 from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
 from armadico.agents.methods.geometry import clip
 from armadico.agents.methods.known_robots import KnownRobots
+from armadico.agents.methods.passages import Passages, passages_of
+from armadico.agents.methods.sharing import Sharing
+from armadico.config.worlds import load_world
 from armadico.core import agent
+from armadico.core.agent import Refused
 from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
-from armadico.core.geometry import Pose2, relative, wrap
-from armadico.core.messages import FleetMeeting, FleetPose, Message, Obstacles, Pose, RobotState
+from armadico.core.geometry import Pose2, relative
+from armadico.core.messages import (
+    PASSAGES,
+    FleetPassages,
+    FleetPose,
+    Message,
+    Obstacles,
+    Pose,
+    RobotState,
+)
 from armadico.core.parameters import Safety
+from armadico.core.resources import Resource
+from armadico.core.services import service_of
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Seconds = Annotated[float, Meta(gt=0, le=600)]
 
+PERIOD_S: Final = 0.5
+"""From one cycle of the fleet's passages to the next."""
+
+CONFIRMED: Final = 2
+"""Cycles that a passage is held before the robot enters: a better bid is known by then."""
+
+MARGIN: Final = 0.05
+
 STEP_M: Final = 0.1
 """From one place of the trail to the next."""
 
-TRAIL: Final = 80
+TRAIL: Final = 200
 """Places that it remembers."""
 
 JUMP_M: Final = 0.5
@@ -31,66 +55,74 @@ JUMP_M: Final = 0.5
 AIM_M: Final = 0.35
 """It backs towards the place of the trail that is so far off."""
 
-AHEAD_RAD: Final = radians(75)
-"""Each is within this of where the other heads: they meet."""
+SPOKEN_S: Final = 5.0
+"""What another robot has published counts for so long."""
 
-PASSED_RAD: Final = radians(100)
-"""And beyond this they have passed."""
+UNSEEN_S: Final = 10.0
+"""A robot that was inside a passage, and publishes nothing, is taken to be inside for so long. By
+then the sensors of a robot that waits have seen what stands there."""
 
-HEARD_S: Final = 1.0
-"""So long another's word on a meeting counts."""
+BEFORE_M: Final = 0.5
+"""A robot that has left one passage stops so far before the next; `stop_m` only where there is
+room."""
 
-NEAR_M: Final = 0.01
-"""Nobody's middle is nearer, whatever it says."""
+MOUTH_M: Final = 0.8
+"""Nearer to a passage that another robot holds, a robot is in the way of that robot, and backs off.
+"""
 
-ROBOT_M: Final = 0.5
-"""What is so near to the other's middle is that robot."""
-
-HALF_M: Final = 10.0
-"""With so far to go half of all there is to have is worth it to drive on."""
+HALF_S: Final = 60.0
+"""A contender that has waited for so long has gained half of all that waiting gains."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """When two robots have met, and how one of them backs off."""
+    """Where a robot contends for a passage, and where it waits."""
 
     namespace: Annotated[str, Meta(min_length=1)] = "robot1"
+    world: Annotated[str, Meta(min_length=1)] | None = None
     v: Annotated[float, Meta(gt=0, le=1)] = 0.2  # m/s, backwards
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
     w_most: Annotated[float, Meta(gt=0, le=2)] = 0.5  # rad/s
-    near_m: Metres = 2.5  # from middle to middle: nearer they have met where it is narrow:
-    narrow_m: Metres = 0.75  # with less beside it to the left and to the right;
-    stands_m: Metres = 1.3  # or where they are so near
-    still_m_s: Annotated[float, Meta(gt=0, le=1)] = 0.05  # and no faster
-    stood_s: Seconds = 2.0  # for so long
-    back_m: Metres = 1.2  # it backs off so far at least: whoever comes through a door turns there
-    beside_m: Metres = 0.6  # and to where so much is free on one side of it
-    held_s: Seconds = 6.0  # who gets no farther back for so long cannot
-    cannot_s: Seconds = 20.0  # and says so for this time
-    apart_m: Metres = 3.5  # so far apart they are done with each other;
-    most_s: Seconds = 60.0  # or after so long
+    contend_m: Metres = 4.0  # it contends for a passage that is so near on its way
+    stop_m: Metres = 2.0  # and waits so far before it
+    left_m: Metres = 0.5  # it has left a passage that is so far off
+    queue_m: Metres = 1.2  # it keeps so far behind a robot that needs the same passage
     utility: Annotated[float, Meta(gt=0, le=1)] = 0.95
     safety: Safety = Safety(slow=0.2)
 
 
-class GiveWay(Behaviour):
-    """Contends for the wheels while the robot gives way to another one of its fleet.
+@cache
+def resource_of(passage: int) -> Resource:
+    """The resource that a passage is. Its action is how far the robot is from it, m."""
+    return Resource(
+        name=f"passage-{passage}",
+        parameters=("away_m",),
+        scale=(1.0,),
+        neutral=(0.0,),
+        margin=MARGIN,
+        exchange="abrupt",
+        period_s=PERIOD_S,
+        stops=False,
+    )
 
-    Two that stand face to face, each with a way to go, have met. Both say what it is worth to drive
-    on (`fleet/<robot>/meeting`): the more, the farther there is to go, and all there is for who
-    cannot back off. Who says less backs off along its own trail, to where there is room beside it,
-    and stands until the other has passed. Who says more does nothing: its other agents drive on.
+
+class GiveWay(Behaviour):
+    """Contends for the passages on the robot's way, and for the wheels while it has to wait.
+
+    A passage is a part of the map where two robots cannot pass each other (`methods/passages.py`).
+    It is a resource between robots, as a task is one (`methods/sharing.py`): the robot contends for
+    the next one on its way, enters while it holds it, and releases it when it has left it.
     """
 
     name = "giveway"
     reacts_to = Obstacles
-    hears: ClassVar[tuple[type[Message], ...]] = (*Behaviour.hears, FleetPose, FleetMeeting)
-    provides: ClassVar[tuple[type[Message], ...]] = (FleetMeeting,)
+    hears: ClassVar[tuple[type[Message], ...]] = (*Behaviour.hears, FleetPose, FleetPassages)
+    provides: ClassVar[tuple[type[Message], ...]] = (FleetPassages,)
     parameters = Parameters
-    launched_with = ("v_max", "namespace")
+    launched_with = ("v_max", "namespace", "world")
     changeable: ClassVar = {
         "v": "m/s",
         "v_max": "m/s",
-        "stood_s": "s",
+        "stop_m": "m",
     }
     needs_goal: ClassVar[bool] = False  # a way that waits is one, too: it looks for itself
     p: Parameters
@@ -98,36 +130,63 @@ class GiveWay(Behaviour):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
+        self.passages: Passages | None = None
+        if self.p.world is not None:
+            self.passages = passages_of(load_world(self.p.world))
+        self.sharing: Sharing | None = None
         self._robots = KnownRobots(self.robot)
-        self._said: dict[str, tuple[FleetMeeting, float]] = {}
+        self._last_seen: dict[str, tuple[FleetPose, float]] = {}
+        self._heard: dict[str, tuple[FleetPassages, float]] = {}
+        self._next: tuple[float, int] | None = None  # passage that the way enters; how far, m
+        self._through: tuple[int, ...] = ()
+        self._inside: int | None = None
+        self._waits = False
+        self._waits_since: dict[int, float] = {}
         self._trail: list[tuple[float, float]] = []
         self._here: tuple[float, float] | None = None
-        self._met = ""  # another robot, that is head on
-        self._stood_since = 0.0  # s: before that
-        self._yields_since: float | None = None
-        self._back_off = True  # or is there, and waits
-        self._met_at = (0.0, 0.0)
-        self._got_on_at = 0.0  # s: when it last got on backwards
-        self._cannot_until = -inf
 
     def key_of(self, kind: type[Message], **names: str) -> str:
         """Of what robots share each has a key of its own."""
         return super().key_of(kind, robot=self.robot, **names)
 
-    # What it hears --------------------------------------------------------------------------------
+    def on_start(self) -> None:
+        """Begin to share the passages of the map, if it has any."""
+        if self.passages is not None and self.passages.count:
+            resources = [resource_of(number) for number in range(self.passages.count)]
+            epoch = self.passages.id
+            self.sharing = Sharing(self.instance, epoch, resources, self.rng, self.now)
+            self.wake_at(self.sharing.wakeup)
+
+    # What comes in --------------------------------------------------------------------------------
 
     def on_fleet_pose(self, said: FleetPose) -> None:
-        """Where another robot is."""
-        self._robots.hear(said, self.now)
+        """Note where another robot is."""
+        if said.robot != self.robot:
+            self._robots.hear(said, self.now)
+            self._last_seen[said.robot] = said, self.now
 
-    def on_fleet_meeting(self, said: FleetMeeting) -> None:
-        """What it is worth to another one to drive on, that has met this one."""
-        self._said = {r: each for r, each in self._said.items() if self.now - each[1] <= HEARD_S}
-        if said.other == self.robot:
-            self._said[said.robot] = said, self.now
+    def on_fleet_passages(self, said: FleetPassages) -> None:
+        """Take what another robot holds and has to drive through."""
+        if said.robot == self.robot or self.sharing is None:
+            return
+        if said.cycle.epoch != self.sharing.clock.epoch:
+            why = f"{said.robot} has another map: its passages are not these, and are ignored"
+            self.outbox.append(Refused(service_of(FleetPassages).key, why))
+            return
+        self._heard[said.robot] = said, self.now
+        if self.sharing.hear_claims(said.instance, said.cycle, said.claims, self.now):
+            self._take_turn()
+        self._publish_claims()
+
+    def on_wakeup(self) -> None:
+        """Count the fleet's cycles on, and take over what is free."""
+        if self.sharing is not None:
+            if self.sharing.wake(self.now):
+                self._take_turn()
+            self._publish_claims()
 
     def on_pose(self, pose: Pose) -> None:
-        """Remember where the robot came along: what it has driven over is free."""
+        """Note where the robot is, and where it came along: what it has driven over is free."""
         here, before = (pose.x, pose.y), self._here
         self._here = here
         if before is not None and dist(before, here) > JUMP_M:
@@ -137,121 +196,155 @@ class GiveWay(Behaviour):
         if not self._trail or (forwards and dist(self._trail[-1], here) >= STEP_M):
             self._trail = [*self._trail[1 - TRAIL :], here]
 
-    # What it bids ---------------------------------------------------------------------------------
+    # The passages ---------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Find out which passages are on the way, and how far the next one is."""
+        passages, here = self.passages, self._here
+        if passages is None or here is None:
+            return
+        self._inside = passages.at(*here)
+        left = [(w.x, w.y) for w in self.route.waypoints[self.route.leg :]]
+        entered = passages.along([here, *left]) if left else []
+        ahead = [(away, each) for away, each in entered if each != self._inside]
+        self._next = ahead[0] if ahead else None
+        ends = passages.at(*left[-1]) if left else None
+        through = [each for _, each in entered if each != ends]
+        self._through = tuple(dict.fromkeys(through))[:PASSAGES]
+
+    def _take_turn(self) -> None:
+        assert self.sharing is not None, "a cycle of shared passages has begun"
+        self._look()
+        self.sharing.turn(self._bids, self.now)
+
+    def _bids(self) -> Mapping[int, Bid]:
+        """Bids for the passage that the robot is in, those it has not left, and the next one."""
+        sharing, passages, here = self.sharing, self.passages, self._here
+        if sharing is None or passages is None or here is None:
+            return {}
+        bids = {}
+        kept = {self._inside} if self._inside is not None else set()
+        kept |= {each for each in sharing.held if passages.near(each, *here, self.p.left_m)}
+        for each in kept:
+            bids[each] = Bid(1.0, (0.0,))
+        wanted = self._next
+        if wanted is not None and wanted[1] not in bids and wanted[0] <= self.p.contend_m:
+            away, each = wanted
+            if (utility := self._utility(each, away)) is not None:
+                bids[each] = Bid(utility, (away,))
+        waiting = wanted[1] if wanted is not None and wanted[1] in bids else None
+        since = self._waits_since.get(waiting, self.now) if waiting is not None else self.now
+        self._waits_since = {} if waiting is None else {waiting: since}
+        return bids
+
+    def _utility(self, passage: int, away: float) -> float | None:
+        """What the next passage is worth; None if the robot must not enter it now."""
+        sharing = self.sharing
+        assert sharing is not None, "of shared passages"
+        if passage in sharing.held and sharing.confirmed(passage, CONFIRMED):
+            return 1.0
+        if self._occupied(passage):
+            return None
+        if passage not in self._through and any(
+            passage in said.through
+            for said, at in self._heard.values()
+            if self.now - at <= SPOKEN_S
+        ):
+            return None  # it would stand in there, and others have to go through
+        waited = self.now - self._waits_since.get(passage, self.now)
+        near = 1.0 - away / self.p.contend_m
+        return 0.45 + 0.3 * waited / (waited + HALF_S) + 0.2 * max(near, 0.0)
+
+    def _occupied(self, passage: int) -> bool:
+        """Whether another robot is inside, as far as it is known."""
+        assert self.passages is not None, "of a map"
+        return any(
+            self.passages.at(said.x, said.y) == passage
+            for said, at in self._last_seen.values()
+            if self.now - at <= UNSEEN_S
+        )
+
+    def _publish_claims(self) -> None:
+        sharing = self.sharing
+        assert sharing is not None, "of shared passages"
+        said = sharing.take_claims()
+        if said is not None:
+            self.publish(
+                FleetPassages(self.robot, self.instance, *said, self._through, self._waits)
+            )
+        self.wake_at(sharing.wakeup)
+
+    # The wheels -----------------------------------------------------------------------------------
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """Back off, or stand, while it is this robot that gives way."""
+        """Stand, or back off, while the robot must not go on."""
         here = pose.x, pose.y, pose.theta
+        self._waits = False
         if not self.route.waypoints or self.in_dock is not None:
-            self._over()
             self.why = "no goal" if self.in_dock is None else "the robot is in a dock"
             return None
-        if not self._meets(here, obstacles):
-            self.why = "no other robot stands before this one"
+        if self.sharing is None:
+            self.why = "the map has no passages" if self.passages else "there is no map"
             return None
-        utility = self._worth(pose)
-        said = self._word_of(self._met)
-        self._choose(utility, said, here)
-        yields = self._yields_since is not None
-        bid = self._give_way(here, obstacles) if yields else self._wait(said)
-        aside = yields and not self._back_off
-        self.publish(FleetMeeting(self.robot, self._met, utility, yields, aside))
+        self._look()
+        bid = self._leave(here, obstacles) or self._stop(here, obstacles)
+        self._waits = bid is not None
+        if bid is None:
+            self.why = "no passage ahead that another robot may use"
         return bid
 
-    def _wait(self, said: FleetMeeting | None) -> Bid | None:
-        """Stand while the other one backs off: what stands there now is not there to stay."""
-        if said is None:
-            self.why = f"{self._met} says nothing"
-        elif said.aside:
-            self.why = f"{self._met} stands aside"
-        else:
-            return Bid(self.p.utility, (0.0, 0.0), reason=f"{self._met} is to give way")
+    def _leave(self, here: Pose2, obstacles: Obstacles) -> Bid | None:
+        """Back out of a passage that another robot holds, as far as the trail leads."""
+        sharing, inside = self.sharing, self._inside
+        assert sharing is not None, "of shared passages"
+        if inside is None or inside in sharing.held:
+            return None
+        rival = sharing.rival(inside)
+        if rival is None:
+            return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {inside}")
+        return self._back_off(here, obstacles, inside)
+
+    def _back_off(self, here: Pose2, obstacles: Obstacles, passage: int) -> Bid:
+        v, w = self._backwards(here, obstacles)
+        return Bid(self.p.utility, (v, w), reason=f"backs off for the holder of passage {passage}")
+
+    def _stop(self, here: Pose2, obstacles: Obstacles) -> Bid | None:
+        """Stand before a passage that the robot does not hold, or behind a robot that does so."""
+        sharing, passages = self.sharing, self.passages
+        assert sharing is not None, "of shared passages"
+        assert passages is not None, "of a map"
+        if self._next is None:
+            return None
+        away, passage = self._next
+        if sharing.confirmed(passage, CONFIRMED):
+            return None
+        leaving = any(passages.near(each, *here[:2], self.p.left_m) for each in sharing.held)
+        if away < MOUTH_M and not leaving and sharing.rival(passage) is not None:
+            return self._back_off(here, obstacles, passage)
+        if away <= (BEFORE_M if leaving else self.p.stop_m):
+            return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {passage}")
+        near = away <= self.p.contend_m and not leaving
+        if near and (ahead := self._queued_ahead(here, passage)):
+            return Bid(self.p.utility, (0.0, 0.0), reason=f"waits behind {ahead}")
         return None
 
-    def _word_of(self, robot: str) -> FleetMeeting | None:
-        """What it last said of this meeting; None: nothing, or long ago."""
-        said, at = self._said.get(robot, (None, -inf))
-        return said if self.now - at <= HEARD_S else None
+    def _queued_ahead(self, here: Pose2, passage: int) -> str:
+        """A robot just ahead that needs the same passage; "" if there is none.
 
-    def _meets(self, here: Pose2, obstacles: Obstacles) -> bool:
-        """Whether it has met another robot, `_met`, and that is not over."""
-        others = self._robots.others(self.now)
-        if self._met in others:
-            word = self._word_of(self._met)
-            begun = self._yields_since is not None or (word is not None and word.yields)
-            if begun and not self._passed(here, others[self._met][1]):
-                return True
-        near = {
-            robot: dist(here[:2], there[:2])
-            for robot, (_, there) in others.items()
-            if _ahead(here, there) and _ahead(there, here)
-        }
-        met = min(near, key=lambda robot: (near[robot], robot), default="")
-        if not met or near[met] > self.p.near_m:
-            self._over()
-            return False
-        if met != self._met:
-            self._over()
-            self._met = met
-        said, there = others[met]
-        if self._is_narrow(relative(here, there), obstacles):
-            return True
-        speed = max(abs(self.measured[0]), abs(said.v))
-        if speed > self.p.still_m_s or near[met] > self.p.stands_m:
-            self._stood_since = self.now
-        return self.now - self._stood_since >= self.p.stood_s
-
-    def _is_narrow(self, there: Pose2, obstacles: Obstacles) -> bool:
-        """Whether they cannot pass each other on the way between them; `there` is as seen here."""
-        x, y, _ = there
-        away, beside = max(hypot(x, y), NEAR_M), self.body.outline.half_width + self.p.narrow_m
-        sides = set()
-        for p in obstacles.points:
-            along, across = (p.x * x + p.y * y) / away, (p.y * x - p.x * y) / away
-            if 0.0 < along < away and abs(across) < beside and hypot(p.x - x, p.y - y) > ROBOT_M:
-                sides.add(across > 0.0)
-        return len(sides) > 1
-
-    def _passed(self, here: Pose2, there: Pose2) -> bool:
-        x, y, _ = relative(here, there)
-        long = self._yields_since is not None and self.now - self._yields_since > self.p.most_s
-        return long or abs(atan2(y, x)) > PASSED_RAD or hypot(x, y) > self.p.apart_m
-
-    def _worth(self, pose: Pose) -> float:
-        """What it is worth to drive on, 0 to 1: the more, the later this robot is done."""
-        behind = len(self._trail) * STEP_M
-        if self.now < self._cannot_until or (self._yields_since is None and behind < AIM_M):
-            return 1.0
-        to_go = self.route.to_go(pose.x, pose.y)
-        return 0.99 * to_go / (to_go + HALF_M)
-
-    def _choose(self, utility: float, said: FleetMeeting | None, here: Pose2) -> None:
-        """Give way to who says more; of two equal ones to the smaller name."""
-        if said is None:
-            return
-        less = (utility, said.robot) < (said.utility, self.robot)
-        if self._yields_since is None and less and not said.yields:
-            self._yields_since = self._got_on_at = self.now
-            self._back_off, self._met_at = True, here[:2]
-            self.log(f"gives way to {said.robot}: {utility:.2f} against {said.utility:.2f}")
-        elif self._yields_since is not None and not less and (said.yields or utility == 1.0):
-            self._yields_since = None
-
-    def _over(self) -> None:
-        """It has met nobody."""
-        self._met, self._yields_since, self._stood_since = "", None, self.now
-
-    def _give_way(self, here: Pose2, obstacles: Obstacles) -> Bid:
-        p = self.p
-        far = dist(here[:2], self._met_at) >= p.back_m
-        if (far and self._has_room(obstacles)) or not self._trail:
-            self._back_off = False
-        if not self._back_off:
-            return Bid(p.utility, (0.0, 0.0), reason=f"stands until {self._met} has passed")
-        v, w = self._backwards(here, obstacles)
-        if self.now - self._got_on_at > p.held_s:
-            self._cannot_until = self.now + p.cannot_s
-        return Bid(p.utility, (v, w), reason=f"backs off for {self._met}")
+        Two that come side by side do not both drive on until they stand beside each other: there
+        they could not turn.
+        """
+        name = resource_of(passage).name
+        for robot, (_, there) in self._robots.others(self.now).items():
+            said, at = self._heard.get(robot, (None, -inf))
+            if said is None or passage not in said.through or self.now - at > SPOKEN_S:
+                continue
+            if any(claim.resource == name for claim in said.claims):
+                continue
+            x, y, _ = relative(here, there)
+            if x > 0.0 and hypot(x, y) < self.p.queue_m:
+                return robot
+        return ""
 
     def _backwards(self, here: Pose2, obstacles: Obstacles) -> tuple[float, float]:
         """Speeds along the trail, back: an arc through the place to aim at."""
@@ -260,26 +353,9 @@ class GiveWay(Behaviour):
             if x < 0.0 and hypot(x, y) >= AIM_M:
                 break
             self._trail.pop()
-            self._got_on_at = self.now
         else:
             return 0.0, 0.0
         v = -min(self.p.v, self.p.v_max or inf)
         bend = 2.0 * y / (x * x + y * y)
         w = clip(v * bend, -self.p.w_most, self.p.w_most)
         return self.limited(v, w, obstacles, self.p.safety)
-
-    def _has_room(self, obstacles: Obstacles) -> bool:
-        """Whether another robot could pass beside this one."""
-        outline = self.body.outline
-        beside = [
-            p for p in obstacles.points if -outline.rear - STEP_M < p.x < outline.front + STEP_M
-        ]
-        left = min((p.y for p in beside if p.y > 0.0), default=inf)
-        right = min((-p.y for p in beside if p.y <= 0.0), default=inf)
-        return max(left, right) - outline.half_width >= self.p.beside_m
-
-
-def _ahead(here: Pose2, there: Pose2) -> bool:
-    """Whether a place is where a pose heads."""
-    x, y, _ = relative(here, there)
-    return abs(wrap(atan2(y, x))) < AHEAD_RAD

@@ -1,8 +1,9 @@
 """Other robots of the fleet, by their own word: what the local map expects where they are.
 
 A robot says where it is a few times a second. It is expected there, moved on by its speeds for as
-long as its word is old, and wider by what both poses may be off. Who has said nothing for a while
-is expected no more: what stands there the sonars hear.
+long as its word is old, wider by what both poses may be off, and longer by the way that it needs to
+stop. Of two robots that drive towards each other each leaves room for the other one to stop, too.
+Who has said nothing for a while is expected no more: what stands there the sonars hear.
 
 Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
 middle of the wheel axle; metres and radians.
@@ -29,6 +30,13 @@ STEP_M: Final = 0.12
 
 WIDEST_M: Final = 0.3
 """However unsure the poses are, it is taken to be wider by no more than this: it is somewhere."""
+
+
+REACTS_S: Final = 0.5
+"""Until another robot brakes: its sensors and its society take so long,"""
+
+BRAKES_M_S2: Final = 0.5
+"""and then it brakes by so much, at the least: a Pioneer's ramp is 0.6."""
 
 
 class KnownRobots:
@@ -87,7 +95,12 @@ def _off(covariance: Sequence[float]) -> float:
 
 def _outline(said: FleetPose, wider: float) -> Iterator[tuple[float, float]]:
     """Places all round a robot, in its own frame."""
+    stops = abs(said.v) * REACTS_S + said.v * said.v / (2.0 * BRAKES_M_S2)
     front, rear, side = said.front + wider, said.rear + wider, said.half_width + wider
+    if said.v > 0.0:
+        front += stops
+    else:
+        rear += stops
     corners = [(front, side), (-rear, side), (-rear, -side), (front, -side)]
     for (ax, ay), (bx, by) in zip(corners, [*corners[1:], corners[0]], strict=True):
         steps = ceil(hypot(bx - ax, by - ay) / STEP_M)

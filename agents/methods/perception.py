@@ -88,6 +88,7 @@ class Perception(Agent):
         if world is not None:
             self._walls = KnownWalls(world.outlines, self.p.walls, world.forbidden)
         self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
+        self._told_origin: Pose2 | None = None  # the same, also by a pose without a covariance
         self._covariance: tuple[float, ...] = ()  # of that pose,
         self._sure_at = -inf  # when that was,
         self._way = 0.0  # and how far the robot has come since, m
@@ -111,7 +112,7 @@ class Perception(Agent):
             self._way += hypot(motion[0], motion[1])
             self._bumps = list(self._moved(motion))
         else:
-            self._origin = None
+            self._origin = self._told_origin = None
         self._odometry, self._epoch = odometry, state.cycle.epoch
         self._driven.append((state.cycle, odometry))
         body = self._seen.outline
@@ -127,15 +128,19 @@ class Perception(Agent):
 
         A robot that is lost has rarely been carried away: mostly it is where its wheels say that it
         is, and beside it the walls that were there. Who was is told (`on_correction`).
+
+        A pose without a covariance is good enough to keep off other robots: they move, and the map
+        does not have them.
         """
-        if not pose.covariance or pose.deviation > self.p.walls.sure_m:
+        if pose.deviation > self.p.walls.sure_m:
             return
         for cycle, odometry in self._driven:
             if cycle == pose.cycle:
                 back = relative(odometry, (0.0, 0.0, 0.0))
-                self._origin = compose((pose.x, pose.y, pose.theta), back)
-                self._covariance = pose.covariance
-                self._sure_at, self._way = self.now, 0.0
+                self._told_origin = compose((pose.x, pose.y, pose.theta), back)
+                if pose.covariance:
+                    self._origin, self._covariance = self._told_origin, pose.covariance
+                    self._sure_at, self._way = self.now, 0.0
 
     def on_correction(self, correction: Correction) -> None:
         """What a robot has near that seems to have been carried away is not what it had near.
@@ -153,12 +158,12 @@ class Perception(Agent):
         """The walls of the map that are near, where the robot is now; None without a map."""
         if self._walls is not None:
             old = self.now - self._sure_at > self.p.walls.kept_s
-            self._walls.look(*self._place(), old=old)
+            self._walls.look(*self._place(self._origin), old=old)
         return self._walls
 
     def _expect(self, walls: Iterable[Obstacle]) -> None:
         """Expect these of the map's walls, and the other robots."""
-        robots = self._robots.points(*self._place(), self.now)
+        robots = self._robots.points(*self._place(self._told_origin), self.now)
         if robots or self._walls is not None:
             self._seen.expect([*walls, *robots])
 
@@ -181,14 +186,17 @@ class Perception(Agent):
             )
         )
 
-    def _place(self) -> tuple[Pose2 | None, tuple[float, ...]]:
-        """Where the robot is now and how uncertain that is; None if nobody has ever known."""
+    def _place(self, origin: Pose2 | None) -> tuple[Pose2 | None, tuple[float, ...]]:
+        """Where the robot is now by an origin of its odometry, and how uncertain that is."""
         s = self.p.walls
-        if self._origin is None or self._odometry is None:
+        if origin is None or self._odometry is None:
             return None, ()
+        here = compose(origin, self._odometry)
+        if not self._covariance:
+            return here, ()
         xx, xy, xt, yy, yt, tt = self._covariance
         more = s.grows * self._way
-        return compose(self._origin, self._odometry), (xx + more, xy, xt, yy + more, yt, tt)
+        return here, (xx + more, xy, xt, yy + more, yt, tt)
 
     def _moved(self, motion: Pose2) -> Iterator[tuple[float, Point]]:
         """The bumps that are still remembered, where they are after the robot's motion."""

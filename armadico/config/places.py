@@ -165,38 +165,43 @@ class Places:
 
     @cached_property
     def _regions(self) -> NDArray[np.int64]:
-        """By column and row, the number of the region of a free cell; 0: it is not free.
+        """By column and row, the number of the region of a free cell; 0: it is not free."""
+        return regions(self._free)
 
-        Runs of free cells in a column are joined to those of the next one that they touch: a world
-        of 100 m x 100 m has four million cells, and orders of missions wait for this.
-        """
-        free = self._free
-        steps = np.diff(np.pad(free, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        columns, begins = np.nonzero(steps == 1)
-        ends = np.nonzero(steps == -1)[1]
-        runs = [*zip(columns.tolist(), begins.tolist(), ends.tolist(), strict=True)]
-        parents = list(range(len(runs)))
 
-        def root(run: int) -> int:
-            while parents[run] != run:
-                parents[run] = parents[parents[run]]
-                run = parents[run]
-            return run
+def regions(free: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The number of each cell's region, above 0; cells with a side in common belong together.
 
-        before = 0
-        for run, (column, begin, end) in enumerate(runs):
-            while runs[before][0] < column - 1 or (
-                runs[before][0] == column - 1 and runs[before][2] <= begin
-            ):
-                before += 1
-            other = before
-            while runs[other][0] == column - 1 and runs[other][1] < end:
-                parents[root(other)] = root(run)
-                other += 1
-        found = np.zeros(free.shape, dtype=np.int64)
-        roots = np.array([root(run) + 1 for run in range(len(runs))], dtype=np.int64)
-        found[free] = np.repeat(roots, ends - begins)
-        return found
+    0 where `free` is False. Runs of cells in a row of the array are joined to those of the next row
+    that they touch: a world of 100 m x 100 m has four million cells, and orders of missions wait
+    for this.
+    """
+    steps = np.diff(np.pad(free, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    columns, begins = np.nonzero(steps == 1)
+    ends = np.nonzero(steps == -1)[1]
+    runs = [*zip(columns.tolist(), begins.tolist(), ends.tolist(), strict=True)]
+    parents = list(range(len(runs)))
+
+    def root(run: int) -> int:
+        while parents[run] != run:
+            parents[run] = parents[parents[run]]
+            run = parents[run]
+        return run
+
+    before = 0
+    for run, (column, begin, end) in enumerate(runs):
+        while runs[before][0] < column - 1 or (
+            runs[before][0] == column - 1 and runs[before][2] <= begin
+        ):
+            before += 1
+        other = before
+        while runs[other][0] == column - 1 and runs[other][1] < end:
+            parents[root(other)] = root(run)
+            other += 1
+    found = np.zeros(free.shape, dtype=np.int64)
+    roots = np.array([root(run) + 1 for run in range(len(runs))], dtype=np.int64)
+    found[free] = np.repeat(roots, ends - begins)
+    return found
 
 
 def _span(a: float, b: float, radius: float) -> tuple[float, float]:

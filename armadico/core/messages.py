@@ -843,6 +843,9 @@ TASKS: Final = 256
 
 TaskNumber = Annotated[int, Meta(ge=0, le=TASKS - 1)]
 
+PASSAGES: Final = 256
+"""Passages that one message names, at the most."""
+
 
 class FleetPose(Message, frozen=True):
     """Where a robot of the fleet is, for the others to keep clear of: outline, pose, speeds.
@@ -863,17 +866,20 @@ class FleetPose(Message, frozen=True):
     half_width: Length
 
 
-class FleetMeeting(Message, frozen=True):
-    """What it is worth to a robot of the fleet to drive on, where another stands in its way.
+class FleetPassages(Message, frozen=True):
+    """The passages that a robot holds in a cycle of the fleet, and those that it drives through.
 
-    Said while the two are face to face; `yields`: it is this one that backs off, `aside`: it has.
+    The claims are those of the resources `passage-0`, `passage-1` and so on. The cycle's epoch
+    tells maps apart. `through` are the passages that its way leads into and out of again. `waits`:
+    the robot stands until it holds the next one.
     """
 
     robot: Name
-    other: Name
-    utility: Share
-    yields: bool = False
-    aside: bool = False
+    instance: Name
+    cycle: Cycle
+    claims: Annotated[tuple[Claim, ...], Meta(max_length=PASSAGES)] = ()
+    through: Annotated[tuple[Counter, ...], Meta(max_length=PASSAGES)] = ()
+    waits: bool = False
 
 
 class FleetTask(Message, frozen=True):

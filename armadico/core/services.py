@@ -111,7 +111,7 @@ SERVICES: tuple[Service, ...] = (
     Service(m.TeleopStatus, "teleop/status", _S, 1, 3, "whose hand drives; 10 Hz while one does"),
     Service(m.FleetPose, "fleet/{robot}/pose", _S, 5, None, "a robot, for the others to keep off"),
     Service(
-        m.FleetMeeting, "fleet/{robot}/meeting", _S, 10, None, "what driving on is worth to it"
+        m.FleetPassages, "fleet/{robot}/passages", _E, 2, None, "narrow places that a robot holds"
     ),
     Service(m.FleetTasks, "fleet/tasks", _E, None, None, "the list that a fleet works on"),
     Service(m.FleetClaims, "fleet/{robot}/claims", _E, 1, None, "tasks that a robot holds; done"),

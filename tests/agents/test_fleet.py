@@ -8,6 +8,8 @@ import pytest
 
 from armadico.agents.fleet import TRIES
 from armadico.core.messages import (
+    Cycle,
+    FleetPassages,
     FleetReply,
     FleetRequest,
     FleetTask,
@@ -288,6 +290,20 @@ def test_a_robot_that_somebody_sends_elsewhere_gives_its_tasks_back() -> None:
     assert not sharing.mine
     assert band.run(600.0)
     assert once(band, 9)
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_robot_that_waits_before_a_passage_keeps_its_task_and_one_that_is_stuck_does_not(
+    waits: bool,
+) -> None:
+    band = at_work(1, 2)
+    heard = lines(band, "f/r1")
+    band.puppet("f/r1").blocked = True
+    for _ in range(20):
+        said = FleetPassages("r1", "giveway-1", Cycle(1, 1), waits=waits)
+        band.mesh.publish(said, key="fleet/r1/passages", namespace="f/r1")
+        band.mesh.run(band.mesh.now + 2.0)
+    assert any("no nearer for 30 s" in text for text in heard) != waits
 
 
 def test_talk_does_not_grow_with_the_tasks() -> None:

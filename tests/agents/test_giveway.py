@@ -1,191 +1,237 @@
-"""Giveway, handed messages by hand: who meets whom, who backs off, and where to."""
+"""Giveway: robots that drive straight on through a corridor, if their agents let them."""
 
 from __future__ import annotations
 
 from math import cos, pi, sin
+from pathlib import Path
 
 import pytest
 
-from armadico.agents.giveway import GiveWay, Parameters
-from armadico.core.agent import Identity
-from armadico.core.messages import FleetMeeting, FleetPose, Message, Point, Trajectory
+from armadico.agents.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
+from armadico.core.agent import Identity, Publish, Refused
+from armadico.core.messages import FleetPassages, FleetPose, Message, Trajectory
 from armadico.observe.measures import speeds
+from armadico_tools.experiments.narrow import map_of
 from tests.framework.stage import Stage, claims, commands, drive_to
 
-WALLS = [Point(x / 10, y) for x in range(14, 20) for y in (-0.5, 0.5)]  # a door's, in the world
-HERE = 1.0  # m: where it stands before that, having come from the origin
+MOUTHS = 6.0, 12.0
+"""Of the corridor, m: along the x axis, in the middle of its rooms."""
+
+Y = 2.5
+V = 0.4
 
 
-class Meeting(Stage):
-    """A robot that has come to a door along the x axis, and another one beyond that."""
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("worlds") / "corridor.map"
+    path.write_text(map_of([(0, 0, 6, 5), (6, 1.9, 12, 3.1), (12, 0, 18, 5)]))
+    return str(path)
 
-    def __init__(self, *, way: float = HERE, to: float = 6.0, x: float = 3.0) -> None:
-        super().__init__(GiveWay(Identity("giveway-1"), Parameters(namespace="lab/b")))
-        self.other = FleetPose("a", x, 0.0, pi, (), 0.0, 0.0, 0.2, 0.2, 0.2)
-        self.word: FleetMeeting | None = None
-        self.walls = WALLS
+
+class Robot(Stage):
+    """Drives along the x axis to its goal, but for what its agent commands."""
+
+    def __init__(self, name: str, world: str | None, x: float, goal: float, start: int = 1) -> None:
+        parameters = Parameters(namespace=f"lab/{name}", world=world)
+        super().__init__(GiveWay(Identity(f"giveway-{name}-{start}"), parameters))
+        self.name, self.goal, self.sent = name, goal, 0
+        self.pose = (x, Y, 0.0 if goal > x else pi)
+        self.agent.start(0.0)
         self.state()
-        self.hand(drive_to((to, 0.0, 0.0)))
-        self.speed = (0.3, 0.0)
-        for tenth in range(round(10 * way) + 1):
-            self.pose = (HERE - way + tenth / 10, 0.0, 0.0)
-            self.cycle()
-        self.speed = (0.0, 0.0)
+        self.hand(drive_to((goal, Y, 0.0)))
 
-    def says(self, utility: float, *, yields: bool = False, aside: bool = False) -> None:
-        """The other one's word, in each cycle from now on."""
-        self.word = FleetMeeting("a", "b", utility, yields, aside)
+    @property
+    def x(self) -> float:
+        return self.pose[0]
 
-    def meet(self, cycles: int = 1) -> list[Message]:
-        """So many cycles; it goes as it is commanded, at once."""
-        said: list[Message] = []
-        for _ in range(cycles):
-            x, y, theta = self.pose
-            self.hand(self.other, *([] if self.word is None else [self.word]))
-            c, s = cos(theta), sin(theta)
-            near = [
-                Point(c * (p.x - x) + s * (p.y - y), c * (p.y - y) - s * (p.x - x))
-                for p in self.walls
-            ]
-            said = self.cycle(points=near)
-            self.speed = speeds(commands(said)[-1]) if commands(said) else (0.0, 0.0)
-            v, w = self.speed
-            self.pose = (x + 0.1 * v * c, y + 0.1 * v * s, theta + 0.1 * w)
+    @property
+    def inside(self) -> bool:
+        """Whether its body is in the corridor."""
+        return MOUTHS[0] - 0.2 < self.x < MOUTHS[1] + 0.2
+
+    @property
+    def there(self) -> bool:
+        return abs(self.x - self.goal) < 0.1
+
+    def tick(self) -> list[Message]:
+        """One cycle of the robot."""
+        said = self.cycle()
+        if (self.agent.wakeup or self.now + 1.0) <= self.now:
+            self.agent.wake(self.now)
+            said += self.take()
+        x, y, theta = self.pose
+        own = [c for c in commands(said) if c.action is not None]
+        self.speed = speeds(own[-1]) if own else (0.0 if self.there else V, 0.0)
+        self.pose = (
+            x + 0.1 * self.speed[0] * cos(theta),
+            y + 0.1 * self.speed[0] * sin(theta),
+            theta,
+        )
         return said
 
     @property
-    def words(self) -> list[FleetMeeting]:
-        """What it said of meetings."""
-        return [message for message in self.said if isinstance(message, FleetMeeting)]
+    def told(self) -> FleetPose:
+        x, y, theta = self.pose
+        return FleetPose(self.name, x, y, theta, (), *self.speed, 0.21, 0.23, 0.17)
 
 
-def test_two_that_are_head_on_where_it_is_narrow_say_what_driving_on_is_worth() -> None:
-    meeting = Meeting()
-    meeting.meet()
-    (word,) = meeting.words
-    assert (word.robot, word.other, word.yields) == ("b", "a", False)
-    assert 0.3 < word.utility < 0.35, "5 m to go"
-    assert meeting.bid().reason == "a says nothing"
-    farther = Meeting(to=20.0)
-    farther.meet()
-    assert farther.words[-1].utility > word.utility
+class Fleet:
+    """Robots that receive what the others publish."""
+
+    def __init__(self, *robots: Robot) -> None:
+        self.robots = {robot.name: robot for robot in robots}
+        self.entered: list[str] = []
+        self.most = 0  # robots in the corridor at once
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(10 * seconds)):
+            for robot in list(self.robots.values()):
+                robot.tick()
+                said = [m for m in robot.said[robot.sent :] if isinstance(m, FleetPassages)]
+                robot.sent = len(robot.said)
+                for other in self.robots.values():
+                    if other is not robot:
+                        other.hand(robot.told, *said)
+                if robot.inside and robot.name not in self.entered:
+                    self.entered.append(robot.name)
+            self.most = max(self.most, sum(robot.inside for robot in self.robots.values()))
+
+    @property
+    def arrived(self) -> bool:
+        return all(robot.there for robot in self.robots.values())
 
 
-@pytest.mark.parametrize(
-    ("x", "theta", "walls"),
-    [(3.0, 0.0, WALLS), (0.0, pi, WALLS), (3.7, pi, WALLS), (3.0, pi, []), (3.0, pi, WALLS[::2])],
-    ids=["ahead of it", "behind it", "far off", "in the open", "along a wall"],
-)
-def test_else_they_have_not_met(x: float, theta: float, walls: list[Point]) -> None:
-    meeting = Meeting()
-    meeting.other = FleetPose("a", x, 0.0, theta, (), 0.0, 0.0, 0.2, 0.2, 0.2)
-    meeting.walls = walls
-    meeting.meet(25)
-    assert meeting.words == []
-    assert meeting.bid().reason == "no other robot stands before this one"
+def why(robot: Robot) -> str:
+    return robot.bid().reason
 
 
-def test_two_that_stand_for_a_while_face_to_face_have_met_anywhere() -> None:
-    meeting = Meeting(x=2.0)
-    meeting.walls = []
-    meeting.meet(15)
-    assert meeting.words == []
-    meeting.meet(10)
-    assert meeting.words
+def test_two_that_come_from_both_sides_drive_through_one_after_the_other(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(20.0)
+    waits = fleet.robots["b"]
+    assert waits.x == pytest.approx(MOUTHS[1] + 2.0, abs=0.4), "clear of the mouth"
+    assert waits.speed == (0.0, 0.0)
+    fleet.run(60.0)
+    assert fleet.arrived
+    assert fleet.entered == ["a", "b"], "the nearer one first"
+    assert fleet.most == 1
 
 
-def test_who_says_less_backs_off_to_where_there_is_room_and_stands_until_they_have_passed() -> None:
-    meeting = Meeting(way=4.0)
-    meeting.says(0.9)
-    meeting.meet(4)
-    assert meeting.words[-1].yields
-    meeting.meet(150)
-    x, y, _ = meeting.pose
-    assert HERE - 1.6 < x < HERE - 1.1
-    assert abs(y) < 0.02
-    assert meeting.words[-1].aside
-    assert meeting.speed == (0.0, 0.0)
-    assert claims(meeting.meet())[-1].utility == 0.95
-    beside = FleetPose("a", x - 1.0, 0.6, pi, (), 0.3, 0.0, 0.2, 0.2, 0.2)
-    meeting.other, meeting.word = beside, None
-    meeting.meet(2)
-    assert meeting.bid().utility is None, "it has passed"
+def test_five_queue_and_no_two_are_inside_at_once(world: str) -> None:
+    there = [Robot(f"a{k}", world, 3.0 - 1.2 * k, 16.0) for k in range(3)]
+    back = [Robot(f"b{k}", world, 15.0 + 1.2 * k, 2.0) for k in range(2)]
+    fleet = Fleet(*there, *back)
+    fleet.run(25.0)
+    assert any(why(robot).startswith("waits behind a") for robot in there)
+    fleet.run(200.0)
+    assert fleet.arrived
+    assert fleet.most == 1
+    order = [name for name in fleet.entered if name[0] == "a"]
+    assert order == ["a0", "a1", "a2"], "no robot has to drive past the one before it"
 
 
-def test_where_there_is_no_room_it_backs_on() -> None:
-    meeting = Meeting(way=4.0, x=2.5)
-    meeting.walls = [Point(x / 10, y) for x in range(-2, 20) for y in (-0.5, 0.5)]
-    meeting.says(0.9)
-    meeting.meet(150)
-    assert -0.75 < meeting.pose[0] < -0.5
-    assert meeting.words[-1].aside
+def test_a_robot_that_stays_inside_enters_after_those_that_drive_through(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 9.0), Robot("b", world, 17.0, 2.0))
+    fleet.run(100.0)
+    assert fleet.arrived
+    assert fleet.entered == ["b", "a"]
 
 
-def test_who_says_more_stands_until_the_other_is_aside() -> None:
-    meeting = Meeting()
-    meeting.says(0.1, yields=True)
-    meeting.meet(5)
-    assert claims(meeting.meet())[-1].commanded == (0.0, 0.0)
-    meeting.says(0.1, yields=True, aside=True)
-    meeting.meet(2)
-    assert meeting.bid().reason == "a stands aside"
-    assert not any(word.yields for word in meeting.words)
+def test_what_a_robot_wanted_that_has_fallen_silent_is_not_waited_for(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 9.0), Robot("b", world, 17.0, 2.0))
+    fleet.run(4.0)
+    del fleet.robots["b"]
+    fleet.run(SPOKEN_S + 35.0)
+    assert fleet.arrived
 
 
-def test_of_two_that_say_the_same_one_backs_off() -> None:
-    meeting = Meeting()
-    meeting.meet()
-    meeting.says(meeting.words[-1].utility)
-    meeting.meet(3)
-    assert meeting.words[-1].yields, "a comes before b"
+def test_a_passage_in_which_a_robot_died_is_entered_once_it_is_not_expected_there(
+    world: str,
+) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(17.0)
+    assert fleet.robots.pop("a").inside
+    fleet.run(UNSEEN_S - 1.0)
+    left = fleet.robots["b"]
+    assert left.speed == (0.0, 0.0)
+    fleet.run(8.0)
+    assert left.inside, "what stands in there its sensors have seen by now"
 
 
-def test_of_two_that_back_off_at_once_the_better_one_stays() -> None:
-    meeting = Meeting()
-    meeting.says(0.9)
-    meeting.meet(3)
-    assert meeting.words[-1].yields
-    meeting.says(0.1, yields=True)
-    meeting.meet(2)
-    assert not meeting.words[-1].yields
+def test_an_agent_that_restarts_inside_has_the_passage_again(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(17.0)
+    before = fleet.robots["a"]
+    assert before.inside
+    again = Robot("a", world, before.x, 15.0, start=2)
+    again.number, again.now = before.number, before.now
+    fleet.robots["a"] = again
+    fleet.run(80.0)
+    assert fleet.arrived
+    assert fleet.most == 1
 
 
-def test_who_has_come_from_nowhere_cannot_back_off_and_says_all_there_is() -> None:
-    meeting = Meeting(way=0.0)
-    meeting.says(0.9)
-    meeting.meet(3)
-    assert meeting.words[-1].utility == 1.0
-    assert not meeting.words[-1].yields
+def test_a_robot_inside_without_the_passage_backs_off_the_way_it_came(world: str) -> None:
+    first = Robot("b", world, 11.0, 9.0)
+    fleet = Fleet(first)
+    fleet.run(6.0)
+    intruder = Robot("a", world, 4.0, 15.0)
+    intruder.number, intruder.now = first.number, first.now
+    for _ in range(28):  # by hand, for example
+        intruder.speed = (1.0, 0.0)
+        intruder.cycle()
+        x, y, theta = intruder.pose
+        intruder.pose = (x + 0.1, y, theta)
+    assert intruder.inside
+    fleet.robots["a"] = intruder
+    fleet.run(1.5)
+    assert intruder.speed[0] <= 0.0
+    fleet.run(15.0)
+    assert intruder.x < MOUTHS[0] - 0.6, "and out of the mouth, where the other one comes out"
+    assert intruder.speed == (0.0, 0.0)
 
 
-def test_who_gets_no_farther_back_lets_the_other_one() -> None:
-    meeting = Meeting(way=4.0)
-    meeting.walls = [*WALLS, *(Point(HERE - 0.35, y / 10) for y in range(-3, 4))]
-    meeting.says(0.9)
-    meeting.meet(3)
-    assert meeting.words[-1].yields
-    meeting.meet(75)
-    assert meeting.words[-1].utility == 1.0
-    assert not meeting.words[-1].yields
+def test_a_robot_with_another_map_is_reported_and_its_passages_are_ignored(world: str) -> None:
+    robot = Robot("a", world, 3.0, 15.0)
+    passages = robot.agent.sharing  # type: ignore[attr-defined]
+    cycle = passages.clock.cycles.newest
+    for _ in range(20):
+        robot.tick()
+        cycle = passages.clock.cycles.newest
+    assert cycle is not None
+    other = FleetPassages("b", "giveway-b", type(cycle)(cycle.epoch ^ 1, 3), (), (0,))
+    robot.agent.receive(other, robot.now)
+    refused = [item for item in robot.agent.outbox if isinstance(item, Refused)]
+    assert "b has another map" in refused[0].why
+    assert not [item for item in robot.agent.outbox if isinstance(item, Publish)]
+    for _ in range(300):
+        robot.tick()
+    assert robot.there
 
 
-def test_a_robot_that_says_to_be_here_or_falls_silent_ends_nothing() -> None:
-    meeting = Meeting()
-    meeting.other = FleetPose("a", HERE, 0.0, pi, (), 0.0, 0.0, 0.2, 0.2, 0.2)
-    meeting.meet(30)
-    meeting.other = FleetPose("a", 3.0, 0.0, pi, (), 0.0, 0.0, 0.2, 0.2, 0.2)
-    meeting.says(0.9)
-    meeting.meet(5)
-    assert meeting.words[-1].yields
-    for _ in range(30):
-        meeting.cycle()
-    assert meeting.bid().utility is None
+def test_without_a_goal_or_a_map_it_drives_nothing(world: str) -> None:
+    blind = Robot("a", None, 3.0, 15.0)
+    for _ in range(200):
+        blind.tick()
+    assert why(blind) == "there is no map"
+    idle = Robot("a", world, 3.0, 15.0)
+    idle.hand(Trajectory(2, 2, ()))
+    idle.tick()
+    assert why(idle) == "no goal"
+    assert claims(blind.said) == claims(idle.said) == []
 
 
-def test_nobody_gives_way_without_a_goal() -> None:
-    meeting = Meeting()
-    meeting.hand(Trajectory(2, 2, ()))
-    meeting.says(0.9)
-    meeting.meet(3)
-    assert meeting.words == []
-    assert meeting.bid().reason == "no goal"
+def test_the_message_says_what_is_held_wanted_and_waited_for(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(15.0)
+    a, b = (
+        [m for m in robot.said if isinstance(m, FleetPassages)][-1]
+        for robot in fleet.robots.values()
+    )
+    assert [claim.resource for claim in a.claims] == ["passage-0"]
+    assert (a.waits, b.claims, b.through, b.waits) == (False, (), (0,), True)
+
+
+def test_a_map_that_is_not_there_ends_the_agent_at_its_start(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="none"):
+        Robot("a", str(tmp_path / "none.map"), 3.0, 15.0)

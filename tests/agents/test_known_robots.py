@@ -6,7 +6,15 @@ from math import pi
 
 import pytest
 
-from armadico.agents.methods.known_robots import OLD_S, REACH_M, WIDEST_M, KnownRobots, moved
+from armadico.agents.methods.known_robots import (
+    BRAKES_M_S2,
+    OLD_S,
+    REACH_M,
+    REACTS_S,
+    WIDEST_M,
+    KnownRobots,
+    moved,
+)
 from armadico.agents.sonar import Parameters
 from armadico.core.messages import FleetPose
 
@@ -44,7 +52,22 @@ def test_it_is_seen_from_where_this_robot_stands() -> None:
 def test_it_is_moved_on_by_its_speeds() -> None:
     points = known(said(1.0, v=0.5)).points(HERE, SURE, 1.0)
     assert min(p.x for p in points) == pytest.approx(1.5 - 0.23, abs=1e-3)
+    back = known(said(2.0, v=-0.5)).points(HERE, SURE, 1.0)
+    assert max(p.x for p in back) == pytest.approx(1.5 + 0.21, abs=1e-3)
     assert moved(said(0.0, v=0.5, w=pi / 2), 2.0)[2] == pytest.approx(pi)
+
+
+@pytest.mark.parametrize("theta", [0.0, pi])
+@pytest.mark.parametrize("v", [0.5, -0.5])
+def test_the_way_that_it_needs_to_stop_is_kept_free_for_it(theta: float, v: float) -> None:
+    """Or two that drive towards each other each stop too late, by what the other one needs."""
+    points = known(said(2.0, theta=theta, v=v)).points(HERE, SURE, 0.0)
+    standing = known(said(2.0, theta=theta)).points(HERE, SURE, 0.0)
+    stops = 0.5 * REACTS_S + 0.5**2 / (2 * BRAKES_M_S2)
+    comes = (theta == pi) == (v > 0.0)
+    nearer = min(p.x for p in standing) - min(p.x for p in points)
+    farther = max(p.x for p in points) - max(p.x for p in standing)
+    assert (nearer, farther) == pytest.approx((stops, 0.0) if comes else (0.0, stops), abs=1e-6)
 
 
 def test_it_is_wider_by_what_both_poses_may_be_off() -> None:
@@ -68,11 +91,13 @@ def test_one_is_not_in_ones_own_way() -> None:
     assert not robots.points(HERE, SURE, 0.0)
 
 
-def test_behaviours_are_shown_another_robot_that_no_sonar_has_heard() -> None:
+@pytest.mark.parametrize("deviation", [0.02, 0.0])
+def test_behaviours_are_shown_another_robot_that_no_sonar_has_heard(deviation: float) -> None:
+    """Also where the pose has no covariance, as that of ideal sensors."""
     ring = Ring(Parameters(namespace="lab/r1"))
-    ring.ping(pose=HERE)
+    ring.ping(pose=HERE, deviation=deviation)
     ring.agent.receive(said(1.0), ring.now)
-    found = ring.ping(pose=HERE)
+    found = ring.ping(pose=HERE, deviation=deviation)
     assert found.closest is not None
     assert found.closest.x == pytest.approx(1.0 - 0.23, abs=0.03)
     own = Ring(Parameters(namespace="lab/r2"))

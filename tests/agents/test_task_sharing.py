@@ -11,15 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from armadico.agents.methods.task_sharing import (
-    FAR,
-    LATEST,
-    PERIOD_S,
-    TaskSharing,
-    done_of,
-    resource_of,
-    task_of,
-)
+from armadico.agents.methods.sharing import FAR, LATEST
+from armadico.agents.methods.task_sharing import PERIOD_S, TaskSharing, done_of
 from armadico.core.exchange import Bid
 from armadico.core.messages import Cycle, FleetClaims, FleetDone, encode
 
@@ -192,25 +185,11 @@ def test_nobody_claims_in_anothers_name_nor_what_is_no_task() -> None:
     cycle, claim = sharing.clock.cycles.newest, sharing._claimed[0]
     assert cycle is not None
     forged = replace(claim, ballot=replace(claim.ballot, term=9, instance="fleet-r2"))
-    other = replace(claim, resource="wheels")
-    sharing.hear(FleetClaims("r1", "fleet-r1", cycle, (forged, other)), world.now)
+    others = [replace(claim, resource=name) for name in ("wheels", "task-1", "task-\u0660")]
+    sharing.hear(FleetClaims("r1", "fleet-r1", cycle, (forged, *others)), world.now)
     assert sharing.mine == [0]
     sharing.hear(FleetClaims("r2", "fleet-r2", cycle, (forged,)), world.now)
     assert sharing.mine == [], "in its own name it does"
-
-
-def test_a_task_is_a_resource_and_a_resource_is_a_task() -> None:
-    assert [task_of(resource_of(task).name) for task in (0, 7, 255)] == [0, 7, 255]
-    for name in (
-        "wheels",
-        "task-",
-        "task-256",
-        "task--1",
-        "task-1x",
-        "task-\u0663",
-        "task-9999999",
-    ):
-        assert task_of(name) is None
 
 
 def test_who_died_gives_its_tasks_back() -> None:

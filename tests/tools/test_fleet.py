@@ -7,7 +7,8 @@ from random import Random
 import pytest
 
 from armadico_tools.experiments.central import Problem, auction, exact, rounds, searched
-from armadico_tools.experiments.fleet import KILLED, TASKS, death, meeting, shared
+from armadico_tools.experiments.fleet import KILLED, TASKS, death, shared
+from armadico_tools.experiments.narrow import passing
 
 
 def small(seed: int, robots: int = 2, tasks: int = 6) -> Problem:
@@ -47,9 +48,9 @@ def test_a_death_of_the_experiment() -> None:
     assert 0 < row.left < TASKS
 
 
-@pytest.mark.parametrize("place", ["door", "rooms-a"])
-def test_two_robots_that_meet_where_it_is_narrow_both_come_through(place: str) -> None:
-    """Without the giveway agent both stand in the door, touching, until their missions fail."""
-    row = meeting((place, 9001, True, "ideal"))
-    assert row.reached == 2
-    assert row.collisions == 0
+@pytest.mark.parametrize(("world", "robots"), [("corridor 6 m x 1.1", 2), ("goal inside", 2)])
+def test_robots_pass_each_other_where_it_is_too_narrow_for_two(world: str, robots: int) -> None:
+    """A robot that drives in without holding the passage meets another one in there."""
+    row = passing((world, robots, 9001))
+    assert row.reached == robots, row.failed
+    assert row.contacts == 0

@@ -28,6 +28,7 @@ EXPERIMENTS: Final = {
     "other-maps": "other_maps",
     "explore": "explore",
     "fleet": "fleet",
+    "narrow": "narrow",
     "surveillance": "surveillance",
     "use-cases": "use_cases",
     "energy": "energy",

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from math import pi
-from pathlib import Path
 from random import Random
 from statistics import fmean
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
-from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
-from armadico.core.messages import FleetTask, MissionStatus, Truth, Waypoint
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.messages import FleetTask, Waypoint
 from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
 from armadico.mesh.link_faults import LinkFaults
@@ -49,33 +46,7 @@ DEATHS: Final = 10
 WHOLE: Final = 3
 """Seeds of whole societies, for each number of robots."""
 
-MEET_S: Final = 240.0
 SENSORS: Final = ("ideal", "real")
-GIVEN: Final = ((False, "ideal"), (True, "ideal"), (True, "real"))
-MEETINGS: Final[dict[str, tuple[ScenarioPose, ScenarioPose]]] = {
-    "door": ((1.5, 2.5, 0.0), (8.5, 2.5, pi)),
-    "rooms-a": ((1.8, 0.6, pi / 2), (7.2, 1.0, pi / 2)),
-}
-"""Where two robots start that are sent to where the other one does: two rooms and a door, which is
-1 m wide; and a world whose rooms are joined by a corridor, 1.5 m wide."""
-
-DOOR: Final = """\
-2D-Map
-LineMinPos: 0 0
-LineMaxPos: 10000 5000
-NumLines: 6
-Cairn: ArmadicoRoom 0 0 0.000000 "" ICON "A" 0 0 5000 5000
-Cairn: ArmadicoRoom 0 0 0.000000 "" ICON "B" 5000 0 10000 5000
-Cairn: ArmadicoDoor 5000 2500 0.000000 "A B" ICON "door"
-LINES
-0 0 10000 0
-10000 0 10000 5000
-10000 5000 0 5000
-0 5000 0 0
-5000 0 5000 2000
-5000 3000 5000 5000
-DATA
-"""
 
 NOTE: Final = (
     f"{TASKS} places drawn in a square of {SIDE_M:g} m, each looked at for {LOOK_S:g} s; robots"
@@ -237,69 +208,11 @@ def whole(task: tuple[int, int, bool, str]) -> Whole:
     )
 
 
-class Meeting(Struct, frozen=True):
-    """Two robots that are sent to where the other one starts, through one narrow place."""
-
-    place: str
-    seed: int
-    gives_way: bool  # with the agents that settle who does
-    sensors: str
-    reached: int  # of two
-    both_s: float | None  # until both have
-    collisions: int
-
-
-def meeting(task: tuple[str, int, bool, str]) -> Meeting:
-    """Whole societies, each with a goal of its own; the starts are drawn by the seed."""
-    place, seed, gives_way, sensors = task
-    rng = Random(seed)
-    starts = [(x, y + rng.uniform(-0.2, 0.2), theta) for x, y, theta in MEETINGS[place]]
-    fleet = with_sensors(load_scenario("fleet"), sensors)
-    agents = [name for name in fleet.agents if gives_way or name != "giveway"]
-    with TemporaryDirectory() as folder:
-        world = Path(folder, "door.map")
-        world.write_text(DOOR)
-        scenario = structs.replace(
-            fleet,
-            world=str(world) if place == "door" else place,
-            start=starts[0],
-            others=(starts[1],),
-            agents=tuple(agents),
-        )
-        both = FleetRehearsal(scenario, Options(seed=seed), 2)
-    return _met(both, starts, Meeting(place, seed, gives_way, sensors, 0, None, 0))
-
-
-def _met(both: FleetRehearsal, starts: Sequence[ScenarioPose], row: Meeting) -> Meeting:
-    mesh, under_way = both.mesh, {}
-    mesh.run(JOIN_S)
-    begun = mesh.now
-    for name, pose in zip(both.names, reversed(starts), strict=True):
-        client = both.robots[name].client
-        client.listen(MissionStatus, Truth)
-        under_way[name] = client.goto(*pose)
-    while under_way and mesh.now < begun + MEET_S:
-        mesh.run(mesh.now + 0.5)
-        for name, mission in list(under_way.items()):
-            if mission.reached or mission.failed is not None:
-                row = structs.replace(row, reached=row.reached + mission.reached)
-                del under_way[name]
-    truths = [both.robots[name].client.latest(Truth) for name in both.names]
-    return structs.replace(
-        row,
-        both_s=round(mesh.now - begun, 1) if row.reached == len(both.names) else None,
-        collisions=sum(truth.collisions for truth in truths if truth is not None),
-    )
-
-
 def run(context: Context) -> None:
-    """The table of makespans, the deaths, a sample of whole societies, and meetings."""
+    """The table of makespans, the deaths, and a sample of whole societies."""
     cells = [(robots, seed) for robots in ROBOTS for seed in context.seeds]
     rows = context.map(shared, cells, "fleets")
     context.rows("runs", Row.__struct_fields__, [structs.astuple(row) for row in rows])
-    cases = [(p, s, *given) for p in MEETINGS for given in GIVEN for s in context.seeds]
-    met = context.map(meeting, cases, "meetings")
-    context.rows("meetings", Meeting.__struct_fields__, [structs.astuple(row) for row in met])
     first = context.seeds[0]
     seeds = range(first, first + DEATHS * len(context.seeds))
     deaths = context.map(death, [(s, LOSS if s % 3 == 0 else 0.0) for s in seeds], "deaths")
@@ -317,7 +230,7 @@ def run(context: Context) -> None:
         "lost": sum(row.lost for row in rows) + sum(row.lost for row in deaths),
         "twice": sum(row.twice for row in rows) + sum(row.twice for row in deaths),
     }
-    tables = (_makespans(rows), _deaths(deaths), _whole(societies), meetings_table(met))
+    tables = (_makespans(rows), _deaths(deaths), _whole(societies))
     context.table("\n\n".join((f"# {TITLE}", NOTE, *tables)))
 
 
@@ -384,32 +297,3 @@ def _whole(societies: Sequence[Whole]) -> str:
         )
     text = "Whole societies and the simulator, the 12 tasks of the scenario `fleet`:"
     return f"{text}\n\n{table((*head, *more), body)}"
-
-
-def meetings_table(met: Sequence[Meeting]) -> str:
-    """By place, whether anybody gives way, and sensors."""
-    head = (
-        "place",
-        "giveway",
-        "sensors",
-        "runs",
-        "both reached",
-        "s, mean",
-        "s, worst",
-        "contacts",
-    )
-    body = []
-    for kind in dict.fromkeys((row.place, row.gives_way, row.sensors) for row in met):
-        mine = [row for row in met if (row.place, row.gives_way, row.sensors) == kind]
-        took = [row.both_s for row in mine if row.both_s is not None]
-        place, gives_way, sensors = kind
-        body.append(
-            (
-                *(place, "yes" if gives_way else "no", sensors, len(mine), len(took)),
-                f"{fmean(took):.0f}" if took else "-",
-                f"{max(took):.0f}" if took else "-",
-                sum(row.collisions for row in mine),
-            )
-        )
-    text = f"Two robots, each sent to where the other one starts, for {MEET_S:g} s at the most:"
-    return f"{text}\n\n{table(head, body)}"

@@ -76,6 +76,7 @@ class Puppet(Agent):
         self._goal: Waypoint | None = None
         self._to_go = self._turning = 0.0
         self.unreachable: set[tuple[float, float]] = set()  # places to which it finds no way
+        self.blocked = False  # its missions go on, and it does not come nearer
         self.dumb = False  # says nothing of its missions, as if its interface agent had died
 
     def on_start(self) -> None:
@@ -120,6 +121,8 @@ class Puppet(Agent):
 
     def _move(self) -> None:
         if self._state is not MissionState.DRIVING or self._goal is None or self.stopped:
+            return
+        if self.blocked:
             return
         if self._turning > 0.0:
             self._turning -= CYCLE_S

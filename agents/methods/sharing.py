@@ -1,0 +1,217 @@
+"""Resources between robots: the bids and ballots of the wheels, without a common owner or clock.
+
+A resource needs an owner, which acknowledges what it obeys and rejects beaten ballots. Between
+robots there is no process that could be it, because any robot may fail. So **each robot has an
+owner of each resource, for itself**: it judges what it receives, its own robot's claims included,
+and acknowledges to its own contender only. Ballots are totally ordered, so all robots that receive
+the same claims obey the same one, and no knowledge is lost with a robot.
+
+The cycles have no common clock either. Each robot counts on after a period, unless it has received
+a newer cycle from another robot. All follow the robot that counts first, so the cycles of a fleet
+come at the pace of its fastest clock and go on whichever robot fails. In its turn a robot bids for
+what it holds and for what it wants, and publishes all that it holds in one message: the number of
+messages of a cycle does not grow with the resources or the contenders.
+
+Sans-IO: claims and the time (s) in, claims out.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from armadico.core.coordination import Contender, Owner
+from armadico.core.cycles import CycleClock
+from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.messages import Claim, Command, Cycle, Message
+from armadico.core.resources import Resource
+
+FAR: Final = 1000
+"""Cycles: a robot that is farther ahead than this is not followed. One bad number must not end a
+clock."""
+
+LATEST: Final = 2**40
+"""No cycle of a fleet has a greater number: there is always a next one."""
+
+
+class FleetClock:
+    """Cycles that every robot counts, and that follow the robot that counts first."""
+
+    def __init__(self, epoch: int, period: float, now: float) -> None:
+        """Begin at 0 after one period, s, so that an older count is received before."""
+        self.cycles = CycleClock(period)
+        self.epoch = epoch
+        self.due = now + period
+
+    def count(self, now: float) -> bool:
+        """Count on if a period has passed without a newer cycle; return whether it did."""
+        if now < self.due:
+            return False
+        newest = self.cycles.newest
+        self._be(Cycle(self.epoch, 0 if newest is None else newest.number + 1), now)
+        return True
+
+    def follow(self, cycle: Cycle, now: float) -> bool:
+        """Take the cycle of another robot; return whether it is newer than the own one."""
+        newest = self.cycles.newest
+        if cycle.epoch != self.epoch or cycle.number > LATEST:
+            return False
+        if newest is not None and not newest.number < cycle.number <= newest.number + FAR:
+            return False
+        self._be(cycle, now)
+        return True
+
+    def _be(self, cycle: Cycle, now: float) -> None:
+        if not self.cycles.advance(cycle, now):
+            # Farther on than the time that passed: two partitions, and clocks differ. It is taken
+            # for a clock that timed out, so that a robot listens before it takes anything over.
+            self.cycles.received_at = float("-inf")
+            self.cycles.advance(cycle, now)
+        self.due = now + self.cycles.period
+
+
+class Sharing:
+    """One robot's side of several resources between robots, numbered from 0."""
+
+    def __init__(
+        self,
+        instance: str,
+        epoch: int,
+        resources: Sequence[Resource],
+        rng: random.Random,
+        now: float,
+    ) -> None:
+        """Begin to contend for resources of one period, at a time, s.
+
+        `epoch` tells sets of resources apart: claims of another epoch are ignored.
+        """
+        period = resources[0].period_s
+        assert period is not None, "a resource between robots has a period of its own"
+        self.instance = instance
+        self.clock = FleetClock(epoch, period, now)
+        cycles, exchange = self.clock.cycles, EXCHANGES["abrupt"]
+        self._contenders = [
+            Contender(resource, instance, cycles, exchange, rng) for resource in resources
+        ]
+        self._owners = [Owner(resource, cycles) for resource in resources]
+        self._numbers = {resource.name: number for number, resource in enumerate(resources)}
+        self._claimed: dict[int, Claim] = {}  # by this robot, in this cycle
+        self._said = True  # and published
+
+    @property
+    def held(self) -> list[int]:
+        """What this robot holds, as far as it knows."""
+        return [number for number, each in enumerate(self._contenders) if each.holding]
+
+    def confirmed(self, number: int, cycles: int) -> bool:
+        """Whether this robot has held a resource for so many cycles: its claim is known by then."""
+        contender = self._contenders[number]
+        tenure = contender.tenure
+        if not contender.holding or tenure is None:
+            return False
+        return (self.clock.cycles.age(tenure.began) or 0) >= cycles
+
+    def rival(self, number: int) -> Claim | None:
+        """The newest fresh claim of another robot that holds a resource; None if there is none."""
+        contender = self._contenders[number]
+        rival = contender.rival
+        if contender.holding or rival is None or rival.gone or rival.claim.utility is None:
+            return None
+        age = self.clock.cycles.age(rival.claim.cycle)
+        return rival.claim if age is not None and age <= self.clock.cycles.fresh_cycles else None
+
+    def hear_claims(self, instance: str, cycle: Cycle, claims: Iterable[Claim], now: float) -> bool:
+        """Take all that another robot holds in a cycle; return whether a turn begins."""
+        if instance == self.instance or cycle.epoch != self.clock.epoch:
+            return False
+        begins = self.clock.follow(cycle, now)
+        there = set()
+        for claim in claims:
+            number = self._numbers.get(claim.resource)
+            if number is None or claim.ballot.instance != instance:
+                continue  # unknown, or claimed in the name of another instance
+            there.add(number)
+            self._take(number, claim, now)
+        for number, contender in enumerate(self._contenders):
+            rival = contender.rival
+            held = rival is not None and rival.claim.ballot.instance == instance
+            if held and rival is not None and number not in there and not rival.gone:
+                # All that it holds is in each message: what is missing has been released.
+                ballot = rival.claim.ballot
+                self._take(number, Claim(contender.resource.name, ballot, cycle, None), now)
+        return begins
+
+    def turn(self, bids: Callable[[], Mapping[int, Bid]], now: float) -> None:
+        """Take the turn of a cycle that has begun: bids by number; none for all others."""
+        self._claimed.clear()
+        for number, contender in enumerate(self._contenders):
+            ack = self._owners[number].ack(())
+            if ack is not None:
+                self._say(number, contender.acked(ack, now), now)
+        wanted = bids()
+        for number in range(len(self._contenders)):
+            self._bid(number, wanted.get(number), now)
+        self._said = False
+
+    def let_go(self, numbers: Iterable[int], now: float) -> None:
+        """Release resources at once."""
+        for number in numbers:
+            self._bid(number, None, now)
+
+    def wake(self, now: float) -> bool:
+        """Take the time; return whether a cycle has begun."""
+        for number, contender in enumerate(self._contenders):
+            due = contender.wakeup
+            if due is not None and now >= due:
+                self._say(number, contender.tick(now), now)
+        return self.clock.count(now)
+
+    @property
+    def wakeup(self) -> float:
+        """When `wake` should be called, s."""
+        due = [at for c in self._contenders if (at := c.wakeup) is not None]
+        return min([self.clock.due, *due])
+
+    def take_claims(self) -> tuple[Cycle, tuple[Claim, ...]] | None:
+        """The cycle and the claims to publish now; None if nothing has changed since."""
+        cycle = self.clock.cycles.newest
+        if self._said or cycle is None:
+            return None
+        self._said = True
+        claims = tuple(
+            claim
+            for number, claim in self._claimed.items()
+            if claim.utility is None or self._contenders[number].holding
+        )
+        return cycle, claims
+
+    def closed(self, number: int) -> bool:  # noqa: ARG002 - a subclass knows
+        """Whether a resource is no longer contended for."""
+        return False
+
+    def _take(self, number: int, claim: Claim, now: float) -> None:
+        """Another robot's claim: its command for the own owner, and then the claim."""
+        owner = self._owners[number]
+        action = None if claim.utility is None else claim.commanded
+        command = Command(claim.resource, claim.cycle, claim.ballot, action)
+        owner.judge(command, now, fault="" if action is None else owner.resource.fault(action))
+        owner.hear(claim)
+        if not self.closed(number):
+            self._say(number, self._contenders[number].hear(claim, now), now)
+
+    def _bid(self, number: int, bid: Bid | None, now: float) -> None:
+        cycle = self.clock.cycles.newest
+        if cycle is not None:
+            self._say(number, self._contenders[number].bid(cycle, bid, now), now)
+
+    def _say(self, number: int, messages: Sequence[Message], now: float) -> None:
+        """Have the own owner judge it; the claims are published with all others."""
+        owner = self._owners[number]
+        for message in messages:
+            if isinstance(message, Command):
+                owner.judge(message, now)
+            elif isinstance(message, Claim):
+                owner.hear(message)
+                self._claimed[number] = message
+                self._said = False

@@ -1,0 +1,383 @@
+"""Fleets in narrow worlds: two to five robots that have to pass each other, and what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import radians
+from pathlib import Path
+from random import Random
+from statistics import fmean
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
+
+from msgspec import Struct, structs
+
+from armadico.agents.giveway import Parameters
+from armadico.agents.methods.passages import Passages, passages_of
+from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
+from armadico.config.worlds import load_world
+from armadico.core.messages import Message, MissionStatus, Truth
+from armadico.launch.fleet import FleetRehearsal
+from armadico.launch.society import Options
+from armadico_tools.experiments.fleet import with_sensors
+from armadico_tools.markdown import table
+
+if TYPE_CHECKING:
+    from armadico_tools.experiments.base import Context
+
+TITLE: Final = "Fleets in narrow worlds"
+RUNS: Final = 10
+JOIN_S: Final = 3.0
+LIMIT_S: Final = 900.0
+STEP_S: Final = 0.5
+ROBOTS: Final = (2, 3, 4, 5)
+JITTER_M: Final = 0.15
+COMES_M: Final = 2.0
+"""A robot has come to a passage when it is so near."""
+
+LEFT_M: Final = Parameters().left_m
+
+
+Rectangle = tuple[float, float, float, float]
+"""x1, y1, x2, y2 of free ground, m."""
+
+
+Spot = tuple[float, float, float]
+"""m, m, degrees."""
+
+
+class Narrow(Struct, frozen=True):
+    """A world, made of rectangles if it has no name, and its robots' starts and goals."""
+
+    free: tuple[Rectangle, ...]
+    routes: tuple[tuple[Spot, Spot], ...]
+    world: str = ""
+
+
+def _left(row: int) -> Spot:
+    return (2.2, 1.2 + 1.3 * row, 0.0)
+
+
+def _to_left(row: int) -> Spot:
+    return (0.9, 0.9 + 0.8 * row, 180.0)
+
+
+def _mirrored(pose: Spot, width: float) -> Spot:
+    x, y, degrees = pose
+    return (width - x, y, 180.0 - degrees)
+
+
+def _corridor(length: float, width: float) -> Narrow:
+    """Two rooms of 6 m x 5 m, and a corridor between them; robots start on both sides."""
+    end, low = 12.0 + length, 2.5 - width / 2
+    free = ((0.0, 0.0, 6.0, 5.0), (6.0, low, 6.0 + length, low + width), (end - 6.0, 0.0, end, 5.0))
+    there = [(_left(k), _mirrored(_to_left(k), end)) for k in (1, 0, 2)]
+    back = [(_mirrored(_left(k), end), _to_left(k)) for k in (1, 0, 2)]
+    return Narrow(free, (there[0], back[0], there[1], back[1], there[2]))
+
+
+def _convoy() -> Narrow:
+    """All from one room to the other, over a corridor of 6 m."""
+    one = _corridor(6.0, 1.2)
+    starts = [_left(1), _left(0), _left(2), (0.9, 1.5, 0.0), (0.9, 3.5, 0.0)]
+    goals = [_mirrored(_to_left(k), 18.0) for k in (2, 0, 4, 1, 3)]
+    return Narrow(one.free, tuple(zip(starts, goals, strict=True)))
+
+
+def _series() -> Narrow:
+    """Three rooms in a row, joined by two corridors of 3 m."""
+    free = (
+        (0.0, 0.0, 6.0, 5.0),
+        (6.0, 1.9, 9.0, 3.1),
+        (9.0, 0.0, 14.0, 5.0),
+        (14.0, 1.9, 17.0, 3.1),
+        (17.0, 0.0, 23.0, 5.0),
+    )
+    there = [(_left(k), _mirrored(_to_left(k), 23.0)) for k in (1, 0)]
+    back = [(_mirrored(_left(k), 23.0), _to_left(k)) for k in (1, 0)]
+    middle = ((11.5, 1.2, 90.0), (0.9, 2.9, 180.0))
+    return Narrow(free, (there[0], back[0], there[1], back[1], middle))
+
+
+def _crossing() -> Narrow:
+    """Four rooms of 5 m x 5 m around a crossing of corridors, 4 m an arm and 1.2 m wide."""
+    free = (
+        (0.0, 9.0, 5.0, 14.0),
+        (18.0, 9.0, 23.0, 14.0),
+        (9.0, 0.0, 14.0, 5.0),
+        (9.0, 18.0, 14.0, 23.0),
+        (5.0, 10.9, 18.0, 12.1),
+        (10.9, 5.0, 12.1, 18.0),
+    )
+    west, east = (2.0, 11.5, 0.0), (21.0, 11.5, 180.0)
+    south, north = (11.5, 2.0, 90.0), (11.5, 21.0, -90.0)
+    return Narrow(
+        free,
+        (
+            (west, (22.0, 10.0, 0.0)),
+            (north, (10.0, 1.0, -90.0)),
+            (east, (1.0, 10.0, 180.0)),
+            (south, (10.0, 22.0, 90.0)),
+            ((2.0, 13.0, 0.0), (13.0, 22.0, 90.0)),
+        ),
+    )
+
+
+def _dead_end() -> Narrow:
+    """A room, and a corridor of 5 m into another that has no other door: some go in, some out."""
+    free = ((0.0, 0.0, 6.0, 6.0), (6.0, 2.45, 11.0, 3.55), (11.0, 1.0, 15.0, 5.0))
+    return Narrow(
+        free,
+        (
+            ((2.2, 3.0, 0.0), (14.0, 2.0, 0.0)),
+            ((13.0, 3.0, 180.0), (0.9, 0.9, 180.0)),
+            ((2.2, 1.5, 0.0), (14.0, 4.0, 0.0)),
+            ((13.0, 4.2, 180.0), (0.9, 3.0, 180.0)),
+            ((2.2, 4.5, 0.0), (0.9, 5.1, 180.0)),
+        ),
+    )
+
+
+def _goal_inside() -> Narrow:
+    """A corridor of 8 m: one robot is sent into the middle of it, the others through."""
+    one = _corridor(8.0, 1.3)
+    first, *others = one.routes
+    return Narrow(one.free, ((first[0], (10.0, 2.5, 0.0)), *others))
+
+
+WORLDS: Final[dict[str, Narrow]] = {
+    "corridor 6 m x 1.1": _corridor(6.0, 1.1),
+    "corridor 12 m x 1.1": _corridor(12.0, 1.1),
+    "corridor 12 m x 1.6": _corridor(12.0, 1.6),
+    "corridor 20 m x 1.3": _corridor(20.0, 1.3),
+    "door 1 m": _corridor(0.2, 1.0),
+    "crossing": _crossing(),
+    "dead end": _dead_end(),
+    "goal inside": _goal_inside(),
+    "two in a row": _series(),
+    "convoy": _convoy(),
+    "rooms-a": Narrow(
+        (), (((1.8, 0.6, 90.0), (7.2, 1.0, 90.0)), ((7.2, 1.0, 90.0), (1.8, 0.6, 90.0))), "rooms-a"
+    ),
+}
+"""Worlds by name; a robot's start is drawn within `JITTER_M` of where it stands here."""
+
+
+class Row(Struct, frozen=True):
+    """One run."""
+
+    world: str
+    robots: int
+    seed: int
+    reached: int
+    all_s: float | None  # until all had
+    contacts: int  # of any robot with anything; one between two counts for both
+    waited_s: float  # before passages, all robots together
+    central_s: float  # the same, if one queue without delays granted each passage
+    failed: tuple[str, ...] = ()
+
+
+def map_of(free: Sequence[Rectangle]) -> str:
+    """The borders of what some rectangles cover together, as the text of an ARIA map."""
+    xs = sorted({x for r in free for x in r[::2]})
+    ys = sorted({y for r in free for y in r[1::2]})
+
+    def covered(x: float, y: float) -> bool:
+        return any(x1 < x < x2 and y1 < y < y2 for x1, y1, x2, y2 in free)
+
+    lines = []
+    for k, x in enumerate(xs):
+        for a, b in pairwise(ys):
+            beside = [
+                covered((xs[i] + xs[i + 1]) / 2, (a + b) / 2) if 0 <= i < len(xs) - 1 else False
+                for i in (k - 1, k)
+            ]
+            if beside[0] != beside[1]:
+                lines.append((x, a, x, b))
+    for k, y in enumerate(ys):
+        for a, b in pairwise(xs):
+            beside = [
+                covered((a + b) / 2, (ys[i] + ys[i + 1]) / 2) if 0 <= i < len(ys) - 1 else False
+                for i in (k - 1, k)
+            ]
+            if beside[0] != beside[1]:
+                lines.append((a, y, b, y))
+    head = ["2D-Map", "LineMinPos: 0 0", f"LineMaxPos: {_mm(xs[-1])} {_mm(ys[-1])}"]
+    body = [" ".join(_mm(end) for end in line) for line in lines]
+    return "\n".join([*head, f"NumLines: {len(lines)}", "LINES", *body, "DATA", ""])
+
+
+def _mm(metres: float) -> str:
+    return str(round(1000 * metres))
+
+
+def scenario_of(world: str, starts: Sequence[ScenarioPose], path: str, sensors: str) -> Scenario:
+    """The fleet's scenario in another world, with goals for each robot instead of tasks."""
+    fleet = with_sensors(load_scenario("fleet"), sensors)
+    return structs.replace(fleet, name=world, world=path, start=starts[0], others=tuple(starts[1:]))
+
+
+class _Use(Struct):
+    """A robot's use of one passage; s of the simulation."""
+
+    came: float
+    entered: float | None = None
+    left: float | None = None
+
+
+class _Watch:
+    """What becomes of each robot, by the truth."""
+
+    def __init__(self, passages: Passages) -> None:
+        self.truth: dict[str, Truth] = {}
+        self._passages = passages
+        self._uses: dict[tuple[str, int], list[_Use]] = {}
+
+    def show(self, robot: str, message: Message) -> None:
+        """Take what the simulator reports of a robot."""
+        if not isinstance(message, Truth):
+            return
+        self.truth[robot] = message
+        x, y, now = message.x, message.y, message.t
+        inside = self._passages.at(x, y)
+        for passage in range(self._passages.count):
+            uses = self._uses.setdefault((robot, passage), [])
+            use = uses[-1] if uses and uses[-1].left is None else None
+            if use is None:
+                if inside != passage and self._passages.near(passage, x, y, COMES_M):
+                    uses.append(_Use(now))
+            elif use.entered is None:
+                if inside == passage:
+                    use.entered = now
+                elif not self._passages.near(passage, x, y, COMES_M):
+                    uses.pop()  # it came out here before, or turned away
+            elif not self._passages.near(passage, x, y, LEFT_M):
+                use.left = now
+
+    def waited(self) -> tuple[float, float]:
+        """Seconds waited before passages: as it was, and with one queue that grants without delay.
+
+        The queue has the robots' own arrivals, order and times inside. The shortest way from
+        `COMES_M` to the passage that any robot needed is not waiting.
+        """
+        actual = central = 0.0
+        done: dict[int, list[_Use]] = {}
+        for (_, passage), uses in self._uses.items():
+            done.setdefault(passage, []).extend(use for use in uses if use.entered is not None)
+        for uses in done.values():
+            least = min((use.entered - use.came for use in uses if use.entered), default=0.0)
+            free = 0.0
+            for use in sorted(uses, key=lambda each: each.entered or 0.0):
+                assert use.entered is not None, "it has entered"
+                wanted = use.came + least
+                begins = max(wanted, free)
+                actual += use.entered - wanted
+                central += begins - wanted
+                free = begins + (use.left or use.entered) - use.entered
+        return round(actual, 1), round(central, 1)
+
+
+def passing(task: tuple[str, int, int]) -> Row:
+    """One run: each robot is sent to its goal at once."""
+    world, robots, seed = task
+    return _passing(world, robots, seed)[0]
+
+
+def _passing(
+    world: str, robots: int, seed: int, sensors: str = "ideal", limit: float = LIMIT_S
+) -> tuple[Row, FleetRehearsal]:
+    rng = Random(f"{world}/{seed}")
+    made = WORLDS[world]
+    routes = made.routes[:robots]
+    starts = [
+        (
+            x + rng.uniform(-JITTER_M, JITTER_M),
+            y + rng.uniform(-JITTER_M, JITTER_M),
+            radians(degrees),
+        )
+        for (x, y, degrees), _ in routes
+    ]
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "narrow.map")
+        if made.free:
+            path.write_text(map_of(made.free))
+        scenario = scenario_of(world, starts, made.world or str(path), sensors)
+        fleet = FleetRehearsal(scenario, Options(seed=seed), robots)
+        mesh, watch = fleet.mesh, _Watch(passages_of(load_world(scenario.world)))
+        for name in fleet.names:
+            mesh.watch(_shower(watch, name), Truth, namespace=name)
+        mesh.run(JOIN_S)
+        begun, under_way, reached, failed = mesh.now, {}, 0, []
+        for name, (_, (x, y, degrees)) in zip(fleet.names, routes, strict=True):
+            client = fleet.robots[name].client
+            client.listen(MissionStatus)
+            under_way[name] = client.goto(x, y, radians(degrees))
+        while under_way and mesh.now < begun + limit:
+            mesh.run(mesh.now + STEP_S)
+            for name, mission in list(under_way.items()):
+                if mission.reached or mission.failed is not None:
+                    reached += mission.reached
+                    if mission.failed is not None:
+                        failed.append(f"{name}: {mission.failed}")
+                    del under_way[name]
+    failed += [f"{name}: time is up" for name in under_way]
+    took = round(mesh.now - begun, 1) if reached == robots else None
+    contacts = sum(truth.collisions for truth in watch.truth.values())
+    row = Row(world, robots, seed, reached, took, contacts, *watch.waited(), tuple(failed))
+    return row, fleet
+
+
+def _shower(watch: _Watch, name: str) -> Callable[[str, Message, float], None]:
+    return lambda _key, message, _now: watch.show(name, message)
+
+
+def run(context: Context) -> None:
+    """Every world with two to five robots."""
+    tasks = [
+        (world, robots, seed)
+        for world, made in WORLDS.items()
+        for robots in ROBOTS
+        for seed in context.seeds
+        if robots <= len(made.routes)
+    ]
+    rows = context.map(passing, tasks, "narrow worlds")
+    context.rows("runs", Row.__struct_fields__, [structs.astuple(row) for row in rows])
+    context.summary = {
+        "reached": sum(row.reached for row in rows),
+        "of": sum(row.robots for row in rows),
+        "contacts": sum(row.contacts for row in rows),
+    }
+    context.table(f"# {TITLE}\n\n{passing_table(rows)}")
+
+
+def passing_table(rows: Sequence[Row]) -> str:
+    """By world and number of robots."""
+    body = []
+    for kind in dict.fromkeys((row.world, row.robots) for row in rows):
+        mine = [row for row in rows if (row.world, row.robots) == kind]
+        took = [row.all_s for row in mine if row.all_s is not None]
+        body.append(
+            (
+                *kind,
+                len(mine),
+                f"{sum(row.reached for row in mine)} of {sum(row.robots for row in mine)}",
+                sum(row.contacts for row in mine),
+                f"{fmean(took):.0f}" if took else "-",
+                f"{max(took):.0f}" if took else "-",
+                f"{fmean(row.waited_s / row.robots for row in mine):.0f}",
+                f"{fmean(row.central_s / row.robots for row in mine):.0f}",
+            )
+        )
+    head = (
+        "world",
+        "robots",
+        "runs",
+        "reached",
+        "contacts",
+        "s, mean",
+        "s, worst",
+        "waited s",
+        "central s",
+    )
+    return table((*head, "waited s", "central s"), body)
