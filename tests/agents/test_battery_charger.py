@@ -39,7 +39,7 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 
 CHARGING = ("battery-sensor", "battery-charger", "dock")
-E, E_DEG = Waypoint(12.6, 1.2, -1.57), (12.6, 1.2, -90.0)
+E = Waypoint(12.6, 1.2, -1.57)
 SMALL = 0.8
 """Ah: such a battery is charged in minutes."""
 
@@ -158,7 +158,7 @@ class Society:
 
 
 def test_with_little_left_it_charges_and_the_mission_ends_afterwards() -> None:
-    society = Society(0.24, start=E_DEG)
+    society = Society(0.24, start=(E.x, E.y, E.theta))
     society.sender.goals = [Waypoint(2.2, 3.0, 1.57), E]
     society.until(lambda: society.sender.reached == 2, 900.0)
     found = [state for _, state in society.states]
@@ -218,7 +218,7 @@ def test_lined_up_it_does_not_let_go_of_the_trajectory() -> None:
 
 
 def test_below_10_4_volts_it_goes_before_every_mission() -> None:
-    society = Society(0.12, capacity_ah=5.0, start=E_DEG)
+    society = Society(0.12, capacity_ah=5.0, start=(E.x, E.y, E.theta))
     society.sender.utility = 0.9
     society.sender.goals = [Waypoint(10.5, 8.0, 0.0)]
     society.until(lambda: society.state is ChargeState.CHARGING, 150.0)

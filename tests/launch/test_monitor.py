@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from armadico.agents.localization import Localization
 from armadico.agents.monitor import Monitor, Parameters
 from armadico.config.hosts import Host, HostTable
-from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario
+from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
 from armadico.core.messages import (
     Correction,
     HostShare,
@@ -186,7 +186,8 @@ def test_who_is_late_again_is_given_more_time() -> None:
 
 def test_an_agent_that_never_publishes_what_its_card_provides_is_left_alone() -> None:
     """In a world without walls localization has nothing to correct."""
-    society = Society(LOCALIZED, replace(load_scenario("sc1"), goal=None))
+    empty = with_sensors(load_scenario("sc1"), "real")
+    society = Society(LOCALIZED, replace(empty, goal=None))
     society.let_pass(60.0)
     assert "localization" in {node.name for node in society.mesh.nodes}
     assert (society.notes, society.more()) == ([], {})
