@@ -10,7 +10,7 @@ import pytest
 from armadico.config.parameters import load_set
 from armadico_tools import kept_results
 from armadico_tools.experiments.statistics import alone
-from armadico_tools.kept_results import Kept, keep, kept, outcomes, pairs
+from armadico_tools.kept_results import Kept, keep, kept, outcomes, pairs, smoothness
 from armadico_tools.results import Rows
 from tests.docs.blocks import ROOT
 
@@ -51,7 +51,19 @@ def test_each_departure_names_the_section_and_the_code_that_departs() -> None:
 
 def run(cell: str, seed: int, tt_s: float | None) -> Kept:
     reached = tt_s is not None
-    return Kept(cell, seed, reached, tt_s or 99.0, 5.0, 1.0, 99.0, 3, "abc", collisions=0)
+    return Kept(
+        cell,
+        seed,
+        reached,
+        tt_s=tt_s or 99.0,
+        td_m=5.0,
+        fo_deg=1.0,
+        p_percent=99.0,
+        exchanges=3,
+        commit="abc",
+        collisions=0,
+        command_step_v=0.25,
+    )
 
 
 @pytest.fixture
@@ -76,6 +88,11 @@ def test_a_run_that_was_not_reached_has_no_time_and_counts_as_the_longest_in_the
 def test_pairs_count_who_alone_reaches_and_time_only_what_both_reach() -> None:
     line = pairs("x", [("a", "b")]).splitlines()[2]
     assert line.startswith("| a to b | 1, 0 | 1 | +2.0 (2) | ")
+
+
+@pytest.mark.usefixtures("two_arms")
+def test_what_no_run_of_a_cell_has_is_left_empty_and_not_nought() -> None:
+    assert smoothness("x").splitlines()[2] == "| a | 0.250 | - | - | - |"
 
 
 @pytest.mark.usefixtures("two_arms")

@@ -42,7 +42,7 @@ from armadico.core.messages import (
 from armadico.core.services import SERVICES, TOKEN, Service, matches
 from armadico.launch.wakeup import Wakeup
 from armadico_tools.docs_fields import fields_of, messages
-from armadico_tools.kept_results import outcomes, pairs
+from armadico_tools.kept_results import outcomes, pairs, smoothness
 from armadico_tools.markdown import table
 from armadico_tools.transcripts.scenes import SCENES
 
@@ -289,6 +289,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "more agents": partial(agent_list, asked_for=True),
     "runs in nine scenarios": partial(outcomes, "thesis-nine-scenarios"),
     "runs of 5-2": partial(outcomes, "thesis-5.2"),
+    "smoothness of 5-2": partial(smoothness, "thesis-5.2"),
     "pairs of 5-2": lambda: pairs("thesis-5.2", ABRUPT_TO_SMOOTH),
     "runs of 5-3": partial(outcomes, "thesis-5.3"),
     "pairs of 5-3": lambda: pairs("thesis-5.3", WITHOUT_TO_WITH),

@@ -73,6 +73,17 @@ def outcomes(name: str) -> str:
     return f"{table(head, rows)}\n\nCommit {', '.join(f'`{commit}`' for commit in commits)}."
 
 
+def smoothness(name: str) -> str:
+    """A row for each cell of a file: how smooth its commands and its body were, means of runs."""
+    head = ("cell", "step of v m/s", "step of w rad/s", "acceleration step m/s2", "jerk m/s3")
+    fields = ("command_step_v", "command_step_w", "accel_step", "jerk_v")
+    rows = (
+        (cell, *(_mean([getattr(run, field) for run in runs], 3) for field in fields))
+        for cell, runs in kept(name).items()
+    )
+    return table(head, rows)
+
+
 def pairs(name: str, arms: Sequence[tuple[str, str]]) -> str:
     """Pairs of cells, run by run of the same seed: what the second changes."""
     from armadico_tools.experiments.statistics import alone, paired  # noqa: PLC0415 - SciPy is slow
@@ -129,9 +140,9 @@ def _outcome(cell: str, runs: Sequence[Kept]) -> tuple[object, ...]:
     )
 
 
-def _mean(values: Sequence[float | None]) -> str:
+def _mean(values: Sequence[float | None], digits: int = 1) -> str:
     known = [value for value in values if value is not None]
-    return f"{fmean(known):.1f}" if known else "-"
+    return f"{fmean(known):.{digits}f}" if known else "-"
 
 
 def _spread(values: Sequence[float]) -> str:
