@@ -294,6 +294,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "runs of 5-3": partial(outcomes, "thesis-5.3"),
     "pairs of 5-3": lambda: pairs("thesis-5.3", WITHOUT_TO_WITH),
     "runs of 5-2-2": partial(outcomes, "thesis-5.2.2"),
+    "runs of 5-2-5": partial(outcomes, "thesis-5.2.5"),
 }
 
 
