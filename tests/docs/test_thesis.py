@@ -10,7 +10,7 @@ import pytest
 from armadico.config.parameters import load_set
 from armadico_tools import kept_results
 from armadico_tools.experiments.statistics import alone
-from armadico_tools.kept_results import Kept, keep, kept, outcomes, pairs, smoothness
+from armadico_tools.kept_results import Kept, kept, main, outcomes, pairs, smoothness
 from armadico_tools.results import Rows
 from tests.docs.blocks import ROOT
 
@@ -73,7 +73,7 @@ def two_arms(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     times = {"a": [10.0, 20.0, None, 40.0], "b": [11.0, None, None, 43.0]}
     arms = [run(cell, s, tt) for cell, found in times.items() for s, tt in enumerate(found)]
     Rows(source, Kept).add(*arms)
-    keep(source, "x")
+    assert main([str(source), "x", *times]) == 0
 
 
 @pytest.mark.usefixtures("two_arms")
@@ -93,6 +93,19 @@ def test_pairs_count_who_alone_reaches_and_time_only_what_both_reach() -> None:
 @pytest.mark.usefixtures("two_arms")
 def test_what_no_run_of_a_cell_has_is_left_empty_and_not_nought() -> None:
     assert smoothness("x").splitlines()[2] == "| a | 0.250 | - | - | - |"
+
+
+@pytest.mark.usefixtures("two_arms")
+def test_nothing_is_replaced_by_cells_that_are_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for source, cell in (("runs.csv", "c"), ("none.csv", "a")):
+        with pytest.raises(SystemExit):
+            main([str(tmp_path / source), "x", cell])
+        assert source in capsys.readouterr().err
+    assert list(kept("x")) == ["a", "b"]
+    assert main([str(tmp_path / "runs.csv"), "x", "b"]) == 0
+    assert list(kept("x")) == ["b"]
 
 
 @pytest.mark.usefixtures("two_arms")

@@ -1,4 +1,7 @@
-"""Tables of the documentation that are made from rows of runs kept in `docs/results`.
+"""Tables of the documentation that are written from rows of runs kept in `docs/results`.
+
+`python -m armadico_tools.kept_results results/table-5.2/runs.csv thesis-5.2 CELL...` keeps the rows
+of these cells, or of all, as `docs/results/thesis-5.2.csv`.
 
 A file there is `runs.csv` of `armadico experiment`, cut down to the columns of `Kept`. A run that
 did not reach its goal has no time to the goal: it counts in *reached*, and in the median as longer
@@ -7,6 +10,7 @@ than all that did.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from math import inf
@@ -107,11 +111,31 @@ def pairs(name: str, arms: Sequence[tuple[str, str]]) -> str:
     return table((*head, "TT s of pairs that both reach, median (pairs)", "p (Wilcoxon)"), rows)
 
 
-def keep(source: Path, name: str) -> None:
-    """Keep the rows of a `runs.csv` as a file of the documentation, in place of what is there."""
-    rows = Rows(source, Kept).read()
-    FOLDER.mkdir(exist_ok=True)
-    Rows(FOLDER / f"{name}.csv", Kept).rewrite(rows)
+def keep(source: Path, name: str, cells: Sequence[str] = ()) -> int:
+    """Keep rows of a `runs.csv` under a name, instead of what is there; all cells if none is named.
+
+    Returns how many. Keeps nothing if there is none.
+    """
+    rows = [run for run in Rows(source, Kept).read() if not cells or run.cell in cells]
+    if rows:
+        Rows(FOLDER / f"{name}.csv", Kept).rewrite(rows)
+    return len(rows)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Keep rows; fails if there is none."""
+    parser = argparse.ArgumentParser(prog="python -m armadico_tools.kept_results")
+    parser.add_argument("source", type=Path, help="runs.csv of `armadico experiment`")
+    parser.add_argument("name", help="of the file in docs/results, without .csv")
+    parser.add_argument("cells", nargs="*", help="names of cells (default: all)")
+    args = parser.parse_args(argv)
+    if not args.source.is_file():
+        parser.error(f"{args.source}: no such file")
+    count = keep(args.source, args.name, args.cells)
+    if not count:
+        parser.error(f"{args.source}: no rows of these cells")
+    print(f"{count} rows kept as docs/results/{args.name}.csv")
+    return 0
 
 
 def _time(run: Kept) -> float:
@@ -152,4 +176,4 @@ def _spread(values: Sequence[float]) -> str:
 
 
 if __name__ == "__main__":
-    keep(Path(sys.argv[1]), sys.argv[2])
+    sys.exit(main())
