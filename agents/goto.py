@@ -40,8 +40,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     others are the thesis's, with `settings`, ahead_m, park_m, cut_least_m and calm.
 
     `rules` "thesis" reads 3.10.1 literally: the utility by the distance to each waypoint, straight
-    to the waypoint, no look at obstacles. "safe" measures to the final goal, keeps to the line
-    between waypoints, and drives no faster than it can stop.
+    to the waypoint, both controllers mixed near each (5.2.1), no look at obstacles. "safe" measures
+    to the final goal, keeps to the line between waypoints, and drives no faster than it can stop.
     """
 
     controller: Literal["brisk", "fast", "precise", "collaborative"] = "collaborative"
@@ -85,6 +85,7 @@ class Goto(Behaviour):
         self._driver = Driver(self.p.brisk) if brisk else None
         mode = Mode.COLLABORATIVE if brisk else Mode(self.p.controller)
         self._controller = Controller(SETTINGS[self.p.settings], mode)
+        self._controller.mixes_on_the_way = self.p.rules == "thesis"
         self._commanded = (0.0, 0.0)
 
     def on_body(self) -> None:

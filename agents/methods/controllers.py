@@ -150,6 +150,7 @@ class Controller:
         """One controller for one trajectory after another: `reset` between them."""
         self.settings = settings
         self.mode = mode
+        self.mixes_on_the_way = False  # near each waypoint, and not the goal alone (thesis 5.2.1)
         self.exact = False  # the heading is uncertain: to the middle of what is good
         self.reset()
 
@@ -192,7 +193,7 @@ class Controller:
         alpha = wrap(direction(pose, target) - pose.theta)
         if len(waypoints) > 1:
             self.reset()
-            return self._pass(pose, waypoints, alpha)
+            return self._pass(pose, waypoints, rho, alpha)
         self._settle(pose, target, rho, alpha)
         if self._parked:
             return 0.0, 0.0
@@ -202,15 +203,22 @@ class Controller:
             return 0.0, math.copysign(min(w, law.w), off)
         return self._approach(rho, alpha)
 
-    def _pass(self, pose: Posed, waypoints: Sequence[Posed], alpha: float) -> Speeds:
-        """To an intermediate waypoint; the collaborative controller is the fast one there."""
+    def _pass(self, pose: Posed, waypoints: Sequence[Posed], rho: float, alpha: float) -> Speeds:
+        """To an intermediate waypoint; the collaborative controller is the fast one there.
+
+        Unless it is to mix both: then it is the precise one beside each waypoint, too.
+        """
         s = self.settings
+
+        def ahead(law: Law) -> float:
+            return ahead_of(pose, waypoints, law.v / law.gain)
+
         if self.mode is Mode.PRECISE:
-            law = s.precise
-            return precise(law, ahead_of(pose, waypoints, law.v / law.gain), alpha)
-        law = s.fast
-        ahead = ahead_of(pose, waypoints, law.v / law.gain)
-        return fast(law, s, max(ahead, s.corner / law.gain), alpha)
+            return precise(s.precise, ahead(s.precise), alpha)
+        far = fast(s.fast, s, max(ahead(s.fast), s.corner / s.fast.gain), alpha)
+        if self.mode is Mode.COLLABORATIVE and self.mixes_on_the_way:
+            return mix(s, rho, far, precise(s.precise, ahead(s.precise), alpha))
+        return far
 
     def _approach(self, rho: float, alpha: float) -> Speeds:
         """To the goal's position."""

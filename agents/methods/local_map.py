@@ -14,6 +14,10 @@ a slant does not answer either: neither counts that looked from another side tha
 What no sonar looks at only fades, slowly with time and, as odometry goes wrong, with the way: the
 tail swings into what cannot be seen.
 
+By the setting `seen_by` "cells" the map is that of figure 3.8: a cell holds one point, and a ping
+doubts every cell that it passes through, 20 degrees wide, from whichever side the point was heard.
+What a sonar looks into fades faster than the rest, and counts from a higher probability on.
+
 What is expected, by a global map, is beside that, and new in each cycle.
 """
 
@@ -44,6 +48,7 @@ NEAR_RINGS = 3
 POINTS = 4
 """Points of one such cell at the most."""
 
+_STEP_M = 0.02  # how finely an axis is followed through the cells
 _MOST_SONARS = 64  # that are remembered, as many as one message has: no robot has more
 
 
@@ -60,6 +65,22 @@ def cell_at(x: float, y: float, ring_m: float) -> int:
     """The cell that a point lies in, sector by sector from straight ahead counter-clockwise."""
     sector = int((math.atan2(y, x) % math.tau) / (math.tau / SECTORS)) % SECTORS
     return sector * RINGS + int(math.hypot(x, y) / ring_m)
+
+
+@lru_cache(maxsize=_MOST_SONARS)
+def ray(x: float, y: float, bearing: float, reach_m: float) -> tuple[tuple[int, float], ...]:
+    """The cells that a sonar's axis passes through, and the range at which it leaves each, m.
+
+    The cells of figure 3.8 are as wide as a sonar sees. In the order in which the sound meets them;
+    a sonar's place is fixed, so this is computed once for each.
+    """
+    cos, sin = _direction(bearing)
+    cells: dict[int, float] = {}
+    along = 0.0
+    while math.hypot(x + along * cos, y + along * sin) < reach_m:
+        cells[cell_at(x + along * cos, y + along * sin, reach_m / RINGS)] = along + _STEP_M
+        along += _STEP_M
+    return tuple(cells.items())
 
 
 @lru_cache(maxsize=_MOST_SONARS)
@@ -80,6 +101,7 @@ class LocalMap(Near):
         super().__init__(self.settings, outline)
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
+        self._watched: set[int] = set()  # cells that a sonar looks into, if it is by cells
         self._sonars: dict[tuple[float, float, float], Echo] = {}  # each one's last
         self._occupied: tuple[Obstacle, ...] | None = ()
 
@@ -95,11 +117,9 @@ class LocalMap(Near):
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
         memory = self._fades(motion, mapped)
         front, rear, half = self.outline or NOBODY
-        by_cycles = s.seen_decay < 1.0
         moved: dict[int, _Cell] = {}
-        for probability, x, y, heard, ahead, left in self._cells.values():
-            seen = by_cycles and self._looked_at(x, y)
-            probability *= s.seen_decay if seen else memory  # noqa: PLW2901
+        for key, (probability, x, y, heard, ahead, left) in self._cells.items():
+            probability *= s.seen_decay if key in self._watched else memory  # noqa: PLW2901
             dx, dy = x - motion.x, y - motion.y
             x, y = cos * dx + sin * dy, cos * dy - sin * dx  # noqa: PLW2901
             if probability < s.forget or math.hypot(x, y) >= s.reach_m:
@@ -137,12 +157,10 @@ class LocalMap(Near):
         """All occupied cells' points, the nearest first."""
         if self._occupied is None:
             s = self.settings
-            by_cycles = s.seen_threshold > s.threshold
             found = [
                 Obstacle(x, y, math.hypot(x, y))
-                for probability, x, y, *_ in self._cells.values()
-                if probability >= s.threshold
-                and (not by_cycles or probability >= s.seen_threshold or not self._looked_at(x, y))
+                for key, (probability, x, y, *_) in self._cells.items()
+                if probability >= (s.seen_threshold if key in self._watched else s.threshold)
             ]
             self._occupied = tuple(sorted(found, key=itemgetter(2, 0, 1)))
         return self._occupied
@@ -188,17 +206,6 @@ class LocalMap(Near):
         """
         return self._cells
 
-    def _looked_at(self, x: float, y: float) -> bool:
-        """Whether a point is near the axis of a sonar."""
-        slope = math.tan(self.settings.axis_rad)
-        for sonar in self._sonars.values():
-            cos, sin = _direction(sonar.bearing)
-            dx, dy = x - sonar.x, y - sonar.y
-            along = cos * dx + sin * dy
-            if along > 0.0 and abs(cos * dy - sin * dx) <= slope * along:
-                return True
-        return False
-
     def _clear(self, echo: Echo) -> None:
         """Doubt what had to echo this ping and did not.
 
@@ -206,6 +213,9 @@ class LocalMap(Near):
         cone is narrower than that, and may miss the thing: such a ping counts so much less.
         """
         s = self.settings
+        if s.seen_by == "cells":
+            self._clear_cells(echo)
+            return
         if echo.range is None:
             free, taken, facing = math.inf, s.silence, s.silence_facing
         else:
@@ -219,11 +229,24 @@ class LocalMap(Near):
                 continue
             if cos * cell.ahead + sin * cell.left < facing:
                 continue
-            probability = cell.probability - taken * min(along / cell.heard, 1.0)
-            if probability < s.forget:
-                del self._cells[key]
-            else:
-                self._cells[key] = cell._replace(probability=probability)
+            self._doubt(key, cell, taken * min(along / cell.heard, 1.0))
+
+    def _clear_cells(self, echo: Echo) -> None:
+        """Doubt each cell that the sound passed through (thesis 3.4.2), echo or none."""
+        s = self.settings
+        free = math.inf if echo.range is None else echo.range - s.margin_m
+        for key, leaves in ray(echo.x, echo.y, echo.bearing, s.reach_m):
+            self._watched.add(key)
+            cell = self._cells.get(key)
+            if cell is not None and leaves <= free:
+                self._doubt(key, cell, s.miss)
+
+    def _doubt(self, key: int, cell: _Cell, taken: float) -> None:
+        probability = cell.probability - taken
+        if probability < self.settings.forget:
+            del self._cells[key]
+        else:
+            self._cells[key] = cell._replace(probability=probability)
 
     def _fill(self, echo: Echo, distance: float) -> None:
         """Believe more in the cell at the ray's end.
@@ -266,5 +289,5 @@ class LocalMap(Near):
         return min(keys, key=lambda key: cells[key].probability) if room is None else room
 
     def _apart(self, key: int, cell: _Cell, x: float, y: float) -> bool:
-        near = key % RINGS < NEAR_RINGS
+        near = key % RINGS < NEAR_RINGS and self.settings.seen_by != "cells"
         return near and math.hypot(cell.x - x, cell.y - y) > self.settings.apart_m

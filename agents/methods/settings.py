@@ -6,6 +6,7 @@ A file of its own for the reason that `armadico.core.parameters` is one.
 from __future__ import annotations
 
 from math import cos, radians, tan
+from typing import Literal
 
 from msgspec import Struct
 
@@ -32,11 +33,12 @@ class MapSettings(NearSettings, frozen=True):
     silence_facing: float = cos(radians(20))  # or so: a smooth wall at a slant does not answer
     axis_rad: float = radians(10)  # a point within this of a sonar's axis had to echo
     threshold: float = 0.3  # occupied from here on
-    seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
-    seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
+    seen_by: Literal["axis", "cells"] = "axis"  # a ping doubts near its axis, or by cells: 3.4.2
+    seen_decay: float = 0.93  # by cells: a cycle, where a sonar looks,
+    seen_threshold: float = 0.5  # and occupied there
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
-    apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
+    apart_m: float = 0.06  # points of a near cell farther apart than this are two
     goes_on: bool = True  # points in a row are a wall that goes on
 
 

@@ -163,6 +163,22 @@ def test_a_corner_is_taken_slowly_but_not_as_if_it_were_the_goal() -> None:
     assert min(before_corner) >= CHAPTER_5.corner - 1e-9
 
 
+def test_by_the_thesis_it_is_the_precise_controller_beside_each_waypoint() -> None:
+    """5.2.1: the collaborative controller follows both controllers several times on the way."""
+    route = [Placed(4, 0), Placed(8, 0)]
+
+    def speeds(mode: Mode, at: float) -> Speeds:
+        controller = Controller(CHAPTER_5, mode)
+        controller.mixes_on_the_way = True
+        return controller.wanted(Placed(at, 0.1, 0.0), route)
+
+    for far_off in (0.0, 2.9):
+        assert speeds(Mode.COLLABORATIVE, far_off) == speeds(Mode.FAST, far_off)
+    assert speeds(Mode.COLLABORATIVE, 3.8) == speeds(Mode.PRECISE, 3.8)
+    between = speeds(Mode.COLLABORATIVE, 3.4)[0]
+    assert speeds(Mode.PRECISE, 3.4)[0] < between < speeds(Mode.FAST, 3.4)[0]
+
+
 def test_it_parks_at_the_end_of_a_route_with_corners() -> None:
     route = [Placed(1.5, 2.5), Placed(1.5, 3.6), Placed(6.3, 3.75), Placed(6.3, 2.4), Placed(7, 1)]
     controller = Controller()

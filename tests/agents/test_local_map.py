@@ -144,15 +144,55 @@ def test_a_smooth_wall_at_a_glancing_angle_need_not_answer(
     assert sum(point[:2] == (1.0, 0.0) for point in local.points()) == left
 
 
-def test_by_the_thesis_it_had_to_answer_from_wherever_it_was_looked_at() -> None:
-    (sonar,) = (sets for name, sets in load_set("thesis").items() if name == "sonar")
-    parameters = load_parameters(SonarAgent.parameters, None, sonar)
+def by_the_thesis(*points: tuple[float, float]) -> LocalMap:
+    """The map of the set `thesis`, with these points seen twice."""
+    parameters = load_parameters(SonarAgent.parameters, None, list(load_set("thesis")["sonar"]))
     assert isinstance(parameters, Parameters)
-    local = mapped((1.0, 0.0), settings=parameters.map)
+    return mapped(*points, settings=parameters.map)
+
+
+def test_by_the_thesis_a_ping_clears_the_cells_that_it_passes_through() -> None:
+    """Figure 3.8: 20 degrees wide, also close by, where 10 degrees off an axis are centimetres."""
+    beside, left = (0.3, 0.09), RING[3]  # 17 degrees off the heading, in the sector of that sonar
+    for echo in (2.0, None):
+        mine, default = by_the_thesis(beside), mapped(beside)
+        for _ in range(3):
+            mine.update([left._replace(range=echo)])
+            default.update([left._replace(range=echo)])
+        assert all(math.dist(p[:2], beside) > 0.01 for p in mine.points())
+        assert any(math.dist(p[:2], beside) < 0.01 for p in default.points())
+
+
+def test_by_the_thesis_a_ping_clears_neither_behind_its_echo_nor_in_another_sector() -> None:
+    behind, aside = (1.5, 0.25), (0.8, 0.4)
+    local = by_the_thesis(behind, aside)
+    for _ in range(3):
+        local.update([RING[3]._replace(range=0.9)])
+    for point in (behind, aside):
+        assert any(math.dist(p[:2], point) < 0.01 for p in local.points())
+
+
+def test_by_the_thesis_a_ping_clears_from_wherever_it_was_heard() -> None:
+    local = by_the_thesis((1.0, 0.0))
     for _ in range(9):
         local.update([Ping(1.0, -0.5, math.pi / 2, None)])
     assert local.points() == ()
-    assert parameters.walls.reach_m == 0.0
+
+
+def test_by_the_thesis_what_a_sonar_looks_into_fades_sooner_than_the_rest() -> None:
+    ahead, behind = by_the_thesis((1.0, 0.2)), by_the_thesis((1.0, 0.2))
+    behind.move(HALF)
+    for local in (ahead, behind):
+        for _ in range(10):
+            local.move(STILL)
+    assert (len(ahead.points()), len(behind.points())) == (0, 1)
+
+
+def test_by_the_thesis_a_cell_holds_one_point() -> None:
+    wall, end = (-0.04, 0.35), (0.07, 0.42)
+    assert cell_at(*wall, 0.25) == cell_at(*end, 0.25)
+    assert len(by_the_thesis(wall, end).points()) == 1
+    assert len(mapped(wall, end).points()) == 2
 
 
 def test_where_a_point_was_heard_from_turns_with_the_robot() -> None:
@@ -380,7 +420,7 @@ def test_a_point_is_in_front_or_left_or_right_or_behind(bearing: float) -> None:
 
 def test_no_more_sonars_are_remembered_than_a_robot_has() -> None:
     """Each is looked through for each point: one that makes new ones up slows nobody for ever."""
-    seen = LocalMap(MapSettings(seen_decay=0.7, seen_threshold=0.6))
+    seen = LocalMap()
     for shift in range(1000):
         seen.update([*RING, Ping(0.001 * shift, 0.0, 0.0, None)])
     assert len(seen._sonars) <= _MOST_SONARS

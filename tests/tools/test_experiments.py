@@ -334,6 +334,19 @@ def test_a_table_has_our_numbers_beside_the_published_ones() -> None:
     assert "| TT s | 14.50 | 14.50 | +0 (+0.0 %) |" in changes
 
 
+def test_a_run_that_did_not_arrive_has_no_time_in_a_table_but_counts_as_not_reached() -> None:
+    there = Sample("x", 1, True, True, 5.0, 1.0, 14.0, 99.0, 0)
+    stuck = replace(there, seed=2, reached=False, arrived=False, tt_s=60.0, td_m=7.0)
+    text = compare([Column("fast", [there, stuck])])
+    assert "| reached | 1 of 2 |" in text
+    assert "| TT s | 14.00 |" in text
+    assert "| TD m | 6.00 ± " in text
+    changes = differences("a to b", [there, there], [there, stuck], {"tt_s": "TT s"})
+    assert "| TT s | 14.00 | 14.00 |" in changes
+    assert base._outcome([stuck])["tt_s"] is None
+    assert base._outcome([there, stuck])["tt_s"] == 14.0
+
+
 # The command --------------------------------------------------------------------------------------
 
 

@@ -42,6 +42,7 @@ from armadico.core.messages import (
 from armadico.core.services import SERVICES, TOKEN, Service, matches
 from armadico.launch.wakeup import Wakeup
 from armadico_tools.docs_fields import fields_of, messages
+from armadico_tools.kept_results import outcomes, pairs, smoothness
 from armadico_tools.markdown import table
 from armadico_tools.transcripts.scenes import SCENES
 
@@ -292,6 +293,14 @@ def patterns() -> str:
     return table((*head, "against"), rows)
 
 
+ABRUPT_TO_SMOOTH: Final = [
+    (f"thesis {comparison} abrupt", f"thesis {comparison} smooth")
+    for comparison in ("last-heard", "same-cycle")
+]
+WITHOUT_TO_WITH: Final = [
+    (f"{world} thesis GA", f"{world} thesis GAT") for world in ("rooms-a", "rooms-b")
+]
+
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "keys": keys,
     "fields": fields,
@@ -304,6 +313,14 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "agents": agent_list,
     "patterns": patterns,
     "more agents": partial(agent_list, asked_for=True),
+    "runs in nine scenarios": partial(outcomes, "thesis-nine-scenarios"),
+    "runs of 5-2": partial(outcomes, "thesis-5.2"),
+    "smoothness of 5-2": partial(smoothness, "thesis-5.2"),
+    "pairs of 5-2": lambda: pairs("thesis-5.2", ABRUPT_TO_SMOOTH),
+    "runs of 5-3": partial(outcomes, "thesis-5.3"),
+    "pairs of 5-3": lambda: pairs("thesis-5.3", WITHOUT_TO_WITH),
+    "runs of 5-2-2": partial(outcomes, "thesis-5.2.2"),
+    "runs of 5-2-5": partial(outcomes, "thesis-5.2.5"),
 }
 
 

@@ -144,12 +144,13 @@ class Context:
 
 
 def _outcome(samples: Sequence[Sample]) -> dict[str, object]:
-    """A cell in a few numbers, for programs."""
+    """A cell in a few numbers, for programs; `tt_s` is the mean of the runs that arrived."""
+    times = [sample.tt_s for sample in samples if sample.arrived]
     return {
         "runs": len(samples),
         "reached": sum(sample.reached for sample in samples),
         "arrived": sum(sample.arrived for sample in samples),
         "collided": sum(bool(sample.collisions) for sample in samples),
-        "tt_s": round(sum(sample.tt_s for sample in samples) / len(samples), 3),
+        "tt_s": round(sum(times) / len(times), 3) if times else None,
         "td_m": round(sum(sample.td_m for sample in samples) / len(samples), 3),
     }

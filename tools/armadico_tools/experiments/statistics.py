@@ -55,6 +55,13 @@ def paired(a: Sequence[float], b: Sequence[float]) -> float | None:
     return _p(wilcoxon(a, b).pvalue)
 
 
+def alone(first: int, second: int) -> float:
+    """McNemar's exact p: of pairs in which one arm alone succeeds, so many are the first's."""
+    from scipy.stats import binomtest  # noqa: PLC0415
+
+    return float(binomtest(first, first + second).pvalue) if first + second else 1.0
+
+
 def unpaired(a: Sequence[float], b: Sequence[float]) -> float | None:
     """Mann and Whitney's p for two samples; None if all values are one, or for one run."""
     if len(a) < 2 or len(b) < 2 or len({*a, *b}) == 1:

@@ -29,6 +29,9 @@ TITLE: Final = "Table 5.2: abrupt and smooth exchange"
 EXCHANGES: Final = ("abrupt", "smooth")
 ALL: Final = {**MEASURES, **OTHERS, **SMOOTHNESS}
 
+DECIDED: Final = ("goto", "avoid")
+"""Who takes part, and so has its exchanges decided as an arm says."""
+
 COORDINATIONS: Final = {
     "same-cycle": (),
     "last-heard": ("social.margin=0.0", 'social.comparison="last-heard"'),
@@ -114,11 +117,12 @@ def _setting(short: str, title: str, samples: Samples) -> str:
 
 def _set(base: str | None, social: tuple[str, ...]) -> str:
     """A parameter set: another one's, but for how exchanges are decided."""
-    given = load_set(base) if base else {}
+    given = dict.fromkeys(DECIDED, ()) | (load_set(base) if base else {})
     lines = []
-    for agent in ("goto", "avoid"):
-        settings = [word for word in given.get(agent, ()) if not word.startswith("social.")]
-        lines += [f"[{agent}]", *(word.replace("=", " = ", 1) for word in (*settings, *social))]
+    for agent, words in given.items():
+        settings = [word for word in words if not word.startswith("social.")]
+        settings += social if agent in DECIDED else ()
+        lines += [f"[{agent}]", *(word.replace("=", " = ", 1) for word in settings)]
     return "\n".join(lines) + "\n"
 
 
