@@ -5,8 +5,9 @@ from __future__ import annotations
 import fcntl
 import gc
 import os
+import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 
 import pytest
@@ -52,6 +53,22 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
     gc.set_threshold(SELDOM)
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def programs_receive_signals() -> Iterator[None]:
+    """Have Ctrl-C and SIGHUP reach the tests' programs when the suite itself ignores them.
+
+    A program inherits an ignored signal, and `nohup make test &` ignores both. A handler is not
+    inherited: the program starts with the default, and SIGHUP still does not end the suite.
+    """
+    handlers = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: lambda *_: None}
+    ignored = [number for number in handlers if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, handlers[number])
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(scope="session")

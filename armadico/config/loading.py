@@ -55,6 +55,7 @@ WORDS = {
 _PATH = re.compile(r"^(?P<what>.*?)(?: - at `\$?(?P<path>.*)`)?$", re.DOTALL)
 _STEP = re.compile(r"\.(?P<key>[^.\[\]]+)|\[(?:(?P<index>\d+)|\.\.\.)\]")
 _LINE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column \d+|end of document)\)$")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`$", re.DOTALL)
 _RANGE = re.compile(r"Expected `(\w+)` (>|>=|<|<=) (.+)")
 
 
@@ -184,20 +185,34 @@ def convert(
     data: Any, kind: type[T], file: Path | str, text: str, at: tuple[str | int, ...] = ()
 ) -> T:
     """`data`, which stands at the path `at` of a text, as a `kind`. Raises ConfigError."""
-    unknown = unknown_field(data, kind)
-    if unknown is not None:
-        near = advice(str(unknown[-1]), known_fields(kind, unknown[:-1]))
-        path = at + unknown
-        raise ConfigError(f"unknown key {_dotted(path)}; {near}", file, line_of(text, path))
     try:
-        return msgspec.convert(data, kind)
+        value = msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         found = _PATH.match(str(error))
         assert found is not None, "the pattern matches anything"
         inner = _steps(data, kind, found["path"] or "")
+        key = _UNKNOWN.match(found["what"])
+        if key is not None:
+            raise _unknown(kind, (*inner, key[1]), file, text, at) from None
         known = choices(kind, inner)
         message = _explain(_value(data, inner), at + inner, found["what"], known)
         raise ConfigError(message, file, line_of(text, at + inner)) from None
+    unknown = unknown_field(data, value)  # of structs that do not forbid it
+    if unknown is not None:
+        raise _unknown(kind, unknown, file, text, at)
+    return value
+
+
+def _unknown(
+    kind: type,
+    path: tuple[str | int, ...],
+    file: Path | str,
+    text: str,
+    at: tuple[str | int, ...],
+) -> ConfigError:
+    """The error for a key of `kind` that it does not know, with the nearest that it does."""
+    near = advice(str(path[-1]), known_fields(kind, path[:-1]))
+    return ConfigError(f"unknown key {_dotted(at + path)}; {near}", file, line_of(text, at + path))
 
 
 def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:

@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
-from msgspec import inspect
+from msgspec import inspect, structs
 
 from armadico.core.messages import Parameter, Setting
 from armadico.core.parameters import Parameters
@@ -116,11 +116,18 @@ def _allowed(kind: type[Parameters], units: tuple[tuple[str, str], ...]) -> dict
 
 def _field(kind: type[Parameters], name: str) -> inspect.Type:
     """The type of a parameter. Raises KeyError if there is none of that name."""
-    node: inspect.Type = inspect.type_info(kind)
+    node: Any = kind
     for part in name.split("."):
-        fields = node.fields if isinstance(node, inspect.StructType) else ()
-        node = _bare({field.encode_name: field.type for field in fields}[part])
-    return node
+        node = _types(node)[part]
+    return _bare(inspect.type_info(node))
+
+
+@cache
+def _types(kind: Any) -> dict[str, Any]:
+    """The types of a struct's fields, none of them looked into; none of what is no struct."""
+    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
+        return {}
+    return {field.encode_name: field.type for field in structs.fields(kind)}
 
 
 def _bare(node: inspect.Type) -> inspect.Type:

@@ -18,7 +18,6 @@ has come, so a mission goes on from its published state in another process.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, ClassVar
 
@@ -34,8 +33,7 @@ from armadico.core.messages import (
 )
 
 
-@dataclass(frozen=True)
-class Beliefs:
+class Beliefs(Struct, frozen=True):
     """What is believed when a task is looked at.
 
     Attributes:
@@ -64,8 +62,7 @@ class Reach(Enum):
     FAILED = "failed"
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(Struct, frozen=True):
     """How far a task has come.
 
     Attributes:
@@ -81,27 +78,23 @@ class Progress:
     stage: int = 0
 
 
-@dataclass(frozen=True)
-class Stand:
+class Stand(Struct, frozen=True):
     """Let the robot stand where it is."""
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(Struct, frozen=True):
     """Have the robot driven to a place by its name, or to a pose: m, m, rad in the world."""
 
     to: str | tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Explore:
+class Explore(Struct, frozen=True):
     """Have a rectangle of the world mapped, m; None: all of it."""
 
     within: tuple[float, float, float, float] | None = None
 
 
-@dataclass(frozen=True)
-class Charge:
+class Charge(Struct, frozen=True):
     """Have the battery charged at a dock, up to a share of a full one."""
 
     until: float = 1.0
@@ -110,27 +103,24 @@ class Charge:
 Request = Stand | Drive | Explore | Charge
 
 
-@dataclass(frozen=True)
-class Going:
+class Going(Struct, frozen=True):
     """It wants this now; `stage` is what it wants to be told the next time.
 
     A request that differs from the last one is a new one; so is one of another stage.
     """
 
-    request: Request = field(default_factory=Stand)
+    request: Request = Stand()
     stage: int = 0
 
 
-@dataclass(frozen=True)
-class Done:
+class Done(Struct, frozen=True):
     """It is done: what came of it for people, and an event to be published."""
 
     said: str = ""
     event: Message | None = None
 
 
-@dataclass(frozen=True)
-class Failed:
+class Failed(Struct, frozen=True):
     """It cannot be done."""
 
     why: str

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Callable
 
 import psutil
 import pytest
 
-from armadico_tools.bench.figures import BENCHMARKS, figure, percentile
+from armadico.cli.options import FailedError
+from armadico_tools.bench import figures
+from armadico_tools.bench.figures import BENCHMARKS, Benchmark, Figure, Tell, figure, percentile
+from armadico_tools.commands.bench import main
 from tests.programs import BIN, Done, call, heavy, imports_nothing
 
 KEYS = ["name", "unit", "p50", "p99", "floor_p50", "floor_p99", "ratio"]
@@ -66,6 +70,62 @@ def test_the_cheapest_figures_have_the_promised_shape_and_order() -> None:
 def test_losers_are_silent_so_crowds_say_no_more_than_one() -> None:
     rows = json.loads(bench("messages-per-cycle", "--quick", "--json").stdout)
     assert [row["p50"] for row in rows] == [row["floor_p50"] for row in rows]
+
+
+CHEAP = {"messages-per-cycle", "imports"}
+"""Run above."""
+
+WITHIN = 110.0
+"""s; a deadline, not an expectation."""
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in CHEAP])
+def test_each_other_benchmark_gives_figures(name: str) -> None:
+    done = call("bench", name, "--quick", "--json", within=WITHIN)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)
+    assert rows or "is left out" in done.stderr
+    assert all(list(row) == KEYS for row in rows)
+    assert all(row["p50"] > 0.0 for row in rows)
+
+
+def measured(quick: bool, tell: Tell) -> list[Figure]:
+    return [figure("measured", "s", [2.0])]
+
+
+def unmeasured(quick: bool, tell: Tell) -> list[Figure]:
+    raise TimeoutError("was not seen within 20 s")
+
+
+def interrupted(quick: bool, tell: Tell) -> list[Figure]:
+    raise KeyboardInterrupt
+
+
+def benchmarks(*functions: Callable[[bool, Tell], list[Figure]]) -> tuple[Benchmark, ...]:
+    return tuple(
+        Benchmark(each.__name__, "", "", "", f"{each.__module__}:{each.__name__}")
+        for each in functions
+    )
+
+
+def test_a_benchmark_that_fails_costs_no_other_figure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(figures, "BENCHMARKS", benchmarks(unmeasured, measured, unmeasured))
+    with pytest.raises(FailedError) as failed:
+        main(["--json"])
+    assert str(failed.value).splitlines() == ["unmeasured: was not seen within 20 s"] * 2
+    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == ["measured"]
+
+
+def test_an_interrupted_run_shows_the_figures_that_it_has(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(figures, "BENCHMARKS", benchmarks(measured, interrupted))
+    with pytest.raises(KeyboardInterrupt):
+        main([])
+    assert "measured" in capsys.readouterr().out
 
 
 def words(process: psutil.Process) -> list[str]:

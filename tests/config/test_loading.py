@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, inspect
 
+from armadico.config import fields
 from armadico.config.errors import ConfigError, advice, nearest
 from armadico.config.lines import line_of
 from armadico.config.loading import (
@@ -204,6 +206,44 @@ def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> No
 
 
 # --- what is shipped
+
+
+def test_a_type_is_described_only_for_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    described: list[type] = []
+
+    def type_info(kind: type) -> inspect.Type:
+        described.append(kind)
+        return inspect.type_info(kind)
+
+    class Plain(Settings, frozen=True):
+        pass
+
+    seen = vars(inspect) | {"type_info": type_info}
+    monkeypatch.setattr(fields, "inspect", SimpleNamespace(**seen))
+    parse(GOOD, Plain)
+    assert described == []
+    with pytest.raises(ConfigError, match="unknown key nam"):
+        parse('name = "a"\nnam = 1', Plain)
+    assert described == [Plain]
+
+
+class Cat(Struct, frozen=True, tag_field="is", tag="cat"):
+    lives: int = 9
+
+
+class Dog(Struct, frozen=True, tag_field="is", tag="dog", rename={"legs": "leg-count"}):
+    legs: int = 4
+
+
+class House(Struct, frozen=True):
+    pets: dict[str, Cat | Dog] = {}
+
+
+def test_what_a_dict_or_a_tagged_struct_holds_is_checked_too() -> None:
+    kept = parse('[pets.a]\nis = "cat"\n[pets.b]\nis = "dog"\nleg-count = 3', House)
+    assert kept == House({"a": Cat(), "b": Dog(3)})
+    with pytest.raises(ConfigError, match=r"some\.toml:5: unknown key pets\.b\.legs"):
+        parse('[pets.a]\nis = "cat"\n[pets.b]\nis = "dog"\nlegs = 3', House, "some.toml")
 
 
 def test_every_shipped_robot_loads() -> None:

@@ -83,11 +83,15 @@ class Place:
         """The options by which a process on that host joins, besides the namespace of the keys."""
         return ()
 
-    def mesh(self) -> ZenohMesh:
-        """An open session of whoever watches."""
+    def mesh(self, *, passing: bool = True) -> ZenohMesh:
+        """An open session of a watcher.
+
+        Not `passing`, it listens on one of the well-known endpoints, as an agent does. A process
+        that comes alone finds it there.
+        """
         from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for the cheap figures
 
-        mesh = ZenohMesh(self.namespace, topology(passing=True))
+        mesh = ZenohMesh(self.namespace, topology(passing=passing))
         mesh.open()
         return mesh
 
@@ -142,7 +146,7 @@ class Namespaces(Place):
         """The host's name and the table."""
         return ("--host", host, "--hosts", self._table.file)
 
-    def mesh(self) -> ZenohMesh:
+    def mesh(self, *, passing: bool = True) -> ZenohMesh:
         """A session on the watcher's host.
 
         Zenoh's threads belong to the network of the first session that a process opens: this must
@@ -150,7 +154,7 @@ class Namespaces(Place):
         """
         from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
 
-        where = topology(connect=self._table.endpoints(), passing=True)
+        where = topology(connect=self._table.endpoints(), passing=passing)
         mesh = ZenohMesh(self.namespace, where)
         self.inside(WATCHER, mesh.open)
         return mesh

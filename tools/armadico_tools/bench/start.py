@@ -90,7 +90,7 @@ def start(quick: bool, tell: Tell) -> list[Figure]:
     """From starting the process to the token, the agent and the floor in turns."""
     rounds = 4 if quick else 12
     whole, bare = [], []
-    with Place("bench") as place, closing(place.mesh()) as mesh:
+    with Place("bench") as place, closing(place.mesh(passing=False)) as mesh:
         sightings = Sightings()
         mesh.watch_alive(sightings.changed)
         key = f"{place.namespace}/{TOKEN.format(name='floor', instance='floor-1')}"

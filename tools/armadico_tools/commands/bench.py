@@ -26,20 +26,31 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Measure; figures go to stdout, progress to stderr."""
+    """Measure; figures go to stdout, progress to stderr.
+
+    Raises FailedError, a line for each benchmark that failed, after the figures of the others.
+    """
     args = parser().parse_args(argv)
     chosen = _chosen(args.names)
     if args.list:
         _list(chosen, as_json=args.json)
         return 0
     figures: list[Figure] = []
-    with _progress(len(chosen)) as next_one:
-        for benchmark in chosen:
-            figures += _measure(benchmark, args.quick, next_one(benchmark.name))
-    if args.json:
-        print(json.dumps([dataclasses.asdict(figure) for figure in figures], indent=2))
-    else:
-        _show(figures)
+    failed: list[str] = []
+    try:
+        with _progress(len(chosen)) as next_one:
+            for benchmark in chosen:
+                try:
+                    figures += benchmark.measure(args.quick, next_one(benchmark.name))
+                except (RuntimeError, OSError, ValueError) as error:
+                    failed.append(f"{benchmark.name}: {error}")
+    finally:  # a run takes minutes: what it has measured is shown, however it ends
+        if args.json:
+            print(json.dumps([dataclasses.asdict(figure) for figure in figures], indent=2))
+        elif figures:
+            _show(figures)
+    if failed:
+        raise FailedError("\n".join(failed))
     return 0
 
 
@@ -68,14 +79,6 @@ def _chosen(names: Sequence[str]) -> list[Benchmark]:
         if name not in known:
             raise UsageError(f"no benchmark {name!r}; there are: {', '.join(known)}")
     return [b for b in BENCHMARKS if not names or b.name in names]
-
-
-def _measure(benchmark: Benchmark, quick: bool, tell: Callable[[float], None]) -> list[Figure]:
-    """Its figures. Raises FailedError with its name and the reason."""
-    try:
-        return benchmark.measure(quick, tell)
-    except (RuntimeError, OSError) as error:
-        raise FailedError(f"{benchmark.name}: {error}") from error
 
 
 def _list(benchmarks: Sequence[Benchmark], *, as_json: bool) -> None:
