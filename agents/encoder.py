@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.odometry import begun_anew
+from armadico.agents.methods.odometry import NOWHERE_M, begun_anew, may_stand_at
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
@@ -30,8 +30,9 @@ AGAIN_CYCLES = 10
 YOUNG_CYCLES = 30
 """An older epoch has had an encoder agent before: some agent remembers its origin."""
 
-OLDER_CYCLES = 3
-"""A correction of so few cycles after an initial pose may have been made before that was known."""
+BEFORE_CYCLES, OLDER_CYCLES = 10, 3
+"""A correction of so few cycles before an initial pose, and after it, may have been made before
+that was known."""
 
 TOLD_CYCLES = 10
 """In an older epoch, cycles without a pose while no origin was received: on a slow network the pose
@@ -59,9 +60,6 @@ WIDEST = 1e4
 """No variance grows beyond this: m^2, rad^2."""
 
 ZERO: Pose2 = (0.0, 0.0, 0.0)
-
-NOWHERE_M = 2e5
-"""A place beyond this is no place: what led there was not true, and the parameters count again."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -115,7 +113,7 @@ class Encoder(Agent):
         xx, _, _, yy, _, tt = correction.covariance
         told = self._told_at
         late = correction.cycle.number - told[1] if correction.cycle.epoch == told[0] else 0
-        if told[1] and 0 <= late <= OLDER_CYCLES:
+        if told[1] and -BEFORE_CYCLES <= late <= OLDER_CYCLES:
             return  # of where the robot was taken to be before
         if min(xx, yy, tt) < 0.0 or max(abs(correction.x), abs(correction.y)) > NOWHERE_M:
             return  # no variance is negative, nor is any place there: it is not true
@@ -125,7 +123,7 @@ class Encoder(Agent):
     def on_initial_pose(self, told: InitialPose) -> None:
         """People know where the robot stands (thesis 5.2.5): the interface agent passes it on."""
         state = self.latest(RobotState)
-        if state is None or self._origin is None or max(abs(told.x), abs(told.y)) > NOWHERE_M:
+        if state is None or self._origin is None or not may_stand_at(told, state):
             return
         odometry = (state.x, state.y, state.theta)
         self._told_at = state.cycle.epoch, state.cycle.number

@@ -51,6 +51,9 @@ GIVE_S: Final = 0.2
 GIVEN_S: Final = 2.0
 """and does not again for so long."""
 
+WAITS_MOST_S: Final = 600.0
+"""A robot that waits before a passage for longer is stuck."""
+
 POSE_CYCLES: Final = 2
 """The robot's cycles from one pose for the others to the next."""
 
@@ -117,6 +120,7 @@ class Fleet(Agent):
         self._looks_until: float | None = None
         self._to_go = self._nearest = inf  # m, to what it is doing
         self._nearer_at = 0.0
+        self._waits_since: float | None = None  # before a passage
         self._elsewhere = False  # somebody has sent the robot
         self._pose_at = self._status_at = -inf  # when they last came
         self._barred: dict[int, float] = {}  # until when a task is not tried, s
@@ -219,7 +223,13 @@ class Fleet(Agent):
 
     def on_fleet_passages(self, said: FleetPassages) -> None:
         """Note that this robot waits before a passage: it is not stuck."""
-        if said.robot == self.robot and said.waits:
+        if said.robot != self.robot:
+            return
+        if not said.waits:
+            self._waits_since = None
+            return
+        self._waits_since = self._waits_since or self.now
+        if self.now - self._waits_since <= WAITS_MOST_S:
             self._nearer_at = self.now
 
     def on_fleet_board(self, board: FleetBoard) -> None:

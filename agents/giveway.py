@@ -16,7 +16,7 @@ from armadico.agents.methods.sharing import Sharing
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import Refused
-from armadico.core.behaviour import Behaviour
+from armadico.core.behaviour import LOST_M, Behaviour
 from armadico.core.exchange import Bid
 from armadico.core.geometry import Pose2, relative
 from armadico.core.messages import (
@@ -54,6 +54,9 @@ JUMP_M: Final = 0.5
 
 AIM_M: Final = 0.35
 """It backs towards the place of the trail that is so far off."""
+
+STANDS_S: Final = 1.0
+"""So long a bid for the wheels counts as waiting."""
 
 SPOKEN_S: Final = 5.0
 """What another robot has published counts for so long."""
@@ -140,7 +143,7 @@ class GiveWay(Behaviour):
         self._next: tuple[float, int] | None = None  # passage that the way enters; how far, m
         self._through: tuple[int, ...] = ()
         self._inside: int | None = None
-        self._waits = False
+        self._stood_at = -inf  # when it last had the robot wait, s
         self._waits_since: dict[int, float] = {}
         self._trail: list[tuple[float, float]] = []
         self._here: tuple[float, float] | None = None
@@ -227,7 +230,7 @@ class GiveWay(Behaviour):
         kept |= {each for each in sharing.held if passages.near(each, *here, self.p.left_m)}
         for each in kept:
             bids[each] = Bid(1.0, (0.0,))
-        wanted = self._next
+        wanted = self._next if self._may_drive() else None
         if wanted is not None and wanted[1] not in bids and wanted[0] <= self.p.contend_m:
             away, each = wanted
             if (utility := self._utility(each, away)) is not None:
@@ -236,6 +239,12 @@ class GiveWay(Behaviour):
         since = self._waits_since.get(waiting, self.now) if waiting is not None else self.now
         self._waits_since = {} if waiting is None else {waiting: since}
         return bids
+
+    def _may_drive(self) -> bool:
+        """Whether the robot can enter a passage at all: otherwise it leaves it to others."""
+        pose = self.fresh(Pose)
+        may = self.stopped is None and self.in_dock is None
+        return may and pose is not None and pose.deviation <= LOST_M
 
     def _utility(self, passage: int, away: float) -> float | None:
         """What the next passage is worth; None if the robot must not enter it now."""
@@ -269,9 +278,8 @@ class GiveWay(Behaviour):
         assert sharing is not None, "of shared passages"
         said = sharing.take_claims()
         if said is not None:
-            self.publish(
-                FleetPassages(self.robot, self.instance, *said, self._through, self._waits)
-            )
+            waits = self.now - self._stood_at <= STANDS_S
+            self.publish(FleetPassages(self.robot, self.instance, *said, self._through, waits))
         self.wake_at(sharing.wakeup)
 
     # The wheels -----------------------------------------------------------------------------------
@@ -279,7 +287,7 @@ class GiveWay(Behaviour):
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Stand, or back off, while the robot must not go on."""
         here = pose.x, pose.y, pose.theta
-        self._waits = False
+        self._stood_at = -inf
         if not self.route.waypoints or self.in_dock is not None:
             self.why = "no goal" if self.in_dock is None else "the robot is in a dock"
             return None
@@ -288,8 +296,9 @@ class GiveWay(Behaviour):
             return None
         self._look()
         bid = self._leave(here, obstacles) or self._stop(here, obstacles)
-        self._waits = bid is not None
-        if bid is None:
+        if bid is not None:
+            self._stood_at = self.now
+        else:
             self.why = "no passage ahead that another robot may use"
         return bid
 

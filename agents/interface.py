@@ -196,27 +196,38 @@ class Interface(Agent):
         self, question: Question, request: MissionRequest, at: Waypoint
     ) -> MissionReply | None:
         """Tell the encoder agent where the robot stands; the mission waits for its pose."""
-        state = self.latest(RobotState)
-        moves = state is None or abs(state.v) > self.p.slow_m_s or abs(state.w) > self.p.slow_rad_s
-        if moves or self._held or self._state is MissionState.DRIVING:
+        if self._placing is not None or self._state is MissionState.PLANNING:
+            return self._refuse(UNDER_WAY)
+        if not self._rests() or self._held or self._state is MissionState.DRIVING:
             return self._refuse(MOVES)
         self._placing = question, request, self.now + PLACED_S
         self.publish(InitialPose(at.x, at.y, at.theta))
         return None
 
-    def _see_placed(self, pose: Pose) -> None:
-        """Go on with a mission once the pose is where people have the robot."""
+    def _rests(self) -> bool:
+        state = self.fresh(RobotState)
+        return state is not None and self._is_slow(state)
+
+    def _is_slow(self, state: RobotState) -> bool:
+        return abs(state.v) <= self.p.slow_m_s and abs(state.w) <= self.p.slow_rad_s
+
+    def _see_placed(self, pose: Pose | None) -> None:
+        """Go on with a mission once the pose is where people have the robot; not too late."""
         if self._placing is None:
             return
         question, request, until = self._placing
         at = request.start
         assert at is not None, "it waits for that"
-        turned = abs(wrap(pose.theta - at.theta))
         reply: MissionReply | None
-        if hypot(pose.x - at.x, pose.y - at.y) <= PLACED_M and turned <= PLACED_M:
-            reply = self._consider(question, request)
-        elif self.now > until:
+        if self.now >= until:
             reply = self._refuse(NOT_PLACED)
+        elif (
+            pose is not None
+            and self._rests()
+            and hypot(pose.x - at.x, pose.y - at.y) <= PLACED_M
+            and abs(wrap(pose.theta - at.theta)) <= PLACED_M
+        ):
+            reply = self._consider(question, request)
         else:
             return
         self._placing = None
@@ -425,6 +436,7 @@ class Interface(Agent):
     def on_wakeup(self) -> None:
         """Publish the trajectory again for late joiners."""
         self.wake_at(self.now + self.p.repeat_s)
+        self._see_placed(None)
         self._withdraw_again()
         known = self.memory.newest(Trajectory)
         if known is not None:
@@ -644,8 +656,7 @@ class Interface(Agent):
         return (
             hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m
             and abs(wrap(goal.theta - pose.theta)) <= self.p.turned_rad
-            and abs(state.v) <= self.p.slow_m_s
-            and abs(state.w) <= self.p.slow_rad_s
+            and self._is_slow(state)
         )
 
     def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:

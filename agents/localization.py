@@ -18,7 +18,7 @@ from armadico.agents.methods.global_search import Alternative, Model, Search, ap
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
-from armadico.agents.methods.odometry import begun_anew
+from armadico.agents.methods.odometry import begun_anew, may_stand_at
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
 from armadico.config.places import Places
@@ -239,7 +239,8 @@ class Localization(Agent):
 
     def on_initial_pose(self, told: InitialPose) -> None:
         """Begin again about a pose that people know."""
-        if not self._useful or self._odometry is None:
+        at_rest = may_stand_at(told, self.latest(RobotState))
+        if not self._useful or self._odometry is None or not at_rest:
             return
         pose = told.x, told.y, told.theta
         self._begun, self._spread, self._sure = True, False, 0

@@ -79,6 +79,9 @@ SLEPT_S: Final = 0.5
 MOVES: Final = 0.01
 """m/s or rad/s: a robot that is faster is not at rest."""
 
+PAUSE_MOST_S: Final = 60.0
+"""A longer pause in what a key provides teaches no more than this."""
+
 FOLLOWS_S: Final = 3.0
 """Who falls silent so soon after another may lack what that one provided."""
 
@@ -157,6 +160,7 @@ class Monitor(Agent):
         self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
         self._habits: dict[str, _Habit] = {}  # by key
         self._unseen: dict[_Process, float] = {}  # up, and without a token, since when
+        self._resumed_at = 0.0  # when the robot's cycles came after a time without any
         self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
         self._lacking: dict[str, float] = {}  # who is needed and not well, since when
         self._asked_at: dict[tuple[WakeupOrder, str, int], float] = {}
@@ -179,6 +183,8 @@ class Monitor(Agent):
 
     def receive(self, message: Message, now: float) -> None:
         """Take one, and note when it came if it may be acted upon."""
+        if isinstance(message, RobotState) and not self.cycles.alive(now):
+            self._resumed_at = now  # the robot was off: its agents had nothing to publish
         super().receive(message, now)
         kind, name = type(message), ""
         taken = self._latest.get(kind)
@@ -193,20 +199,26 @@ class Monitor(Agent):
         if self.now - habit.last > FEW / rate_hz:
             cards = ((known.card, known.since) for known in self._known.values())
             there = [since for card, since in cards if card is not None and key in card.provides]
-            habit.pause = max(habit.pause, self.now - max(habit.last, *there, 0.0))
+            pause = self.now - max(habit.last, *there, self._resumed_at)
+            habit.pause = max(habit.pause, min(pause, PAUSE_MOST_S))
             habit.begun = self.now
         habit.last = self.now
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Somebody has joined, or has come back."""
         self._known[instance] = _Known(name, instance, self.now, self.now)
-        self._floor = self.now
+        self._has_changed()
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         """A token has gone: it has ended, or it hangs, or cannot be heard."""
         for about in (self._known, self._shares, self._others):
             about.pop(instance, None)
-        self._floor = self.now
+        self._has_changed()
+
+    def _has_changed(self) -> None:
+        """Have nothing be late before now, but not because of one token that flaps all the time."""
+        if self.now - self._floor >= 2.0 * self.p.late_s:
+            self._floor = self.now
 
     def on_met(self, card: Card) -> None:
         """Somebody has given its card."""
@@ -465,7 +477,6 @@ class Monitor(Agent):
         keeper, name, pid = process
         share, _ = self._shares[keeper]
         if not self._has_refused(share, name) and self._affords(share.host):
-            self._floor = self.now
             self._request(WakeupOrder.RESTART, name, share, why, pid)
 
     def _affords(self, host: str) -> bool:
@@ -520,6 +531,7 @@ class Monitor(Agent):
         }
         self._asked_at[asked] = self.now
         if order is WakeupOrder.RESTART:
+            self._floor = self.now
             self._restarted[name] = self._often(name) + 1, self.now
             self._spent[share.host].append(self.now)
         self._note = line(f"{share.host} is asked to {order} {name}: {why}")

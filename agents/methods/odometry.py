@@ -6,6 +6,7 @@ from math import hypot
 from typing import Final
 
 from armadico.core.geometry import Pose2, wrap
+from armadico.core.messages import InitialPose, RobotState
 
 ROLLED_M: Final = 3.0
 """So far may a robot have come between two robot agents: a second of driving until the last status
@@ -14,8 +15,23 @@ packet, two until the controller's watchdog, and braking."""
 ZERO_M, ZERO_RAD = 0.05, 0.1
 """An odometry within this of zero has just begun, unless it was near zero before."""
 
+SLOW_M_S, SLOW_RAD_S = 0.01, 0.02
+"""Wheels that are measured slower than this rest: m/s, rad/s."""
+
+NOWHERE_M = 2e5
+"""A place beyond this is no place: what led there was not true, and the parameters count again."""
+
 NEAR_M, NEAR_RAD = 0.3, 0.5
 """Within this of zero it was near zero before."""
+
+
+def may_stand_at(told: InitialPose, state: RobotState | None) -> bool:
+    """Whether a pose that people give may be taken on: only of a robot that rests.
+
+    The message may be late; a robot that drives would go on from another place.
+    """
+    rests = state is not None and abs(state.v) <= SLOW_M_S and abs(state.w) <= SLOW_RAD_S
+    return rests and max(abs(told.x), abs(told.y)) <= NOWHERE_M
 
 
 def begun_anew(before: Pose2, now: Pose2) -> bool:

@@ -28,8 +28,11 @@ from armadico.core.messages import Claim, Command, Cycle, Message
 from armadico.core.resources import Resource
 
 FAR: Final = 1000
-"""Cycles: a robot that is farther ahead than this is not followed. One bad number must not end a
-clock."""
+"""Cycles: a robot that is farther ahead than this is followed only if its cycles go on steadily.
+One bad number must not end a clock."""
+
+STEADY: Final = 3
+"""So many cycles in a row, no faster than twice the period, go on steadily."""
 
 LATEST: Final = 2**40
 """No cycle of a fleet has a greater number: there is always a next one."""
@@ -43,6 +46,7 @@ class FleetClock:
         self.cycles = CycleClock(period)
         self.epoch = epoch
         self.due = now + period
+        self._far: tuple[int, float, int] | None = None  # a far cycle, when, and so many in a row
 
     def count(self, now: float) -> bool:
         """Count on if a period has passed without a newer cycle; return whether it did."""
@@ -57,10 +61,25 @@ class FleetClock:
         newest = self.cycles.newest
         if cycle.epoch != self.epoch or cycle.number > LATEST:
             return False
-        if newest is not None and not newest.number < cycle.number <= newest.number + FAR:
+        if newest is not None and cycle.number <= newest.number:
+            return False
+        far = newest is not None and cycle.number > newest.number + FAR
+        if far and not self._goes_on(cycle.number, now):
             return False
         self._be(cycle, now)
         return True
+
+    def _goes_on(self, number: int, now: float) -> bool:
+        """Whether cycles that are far ahead come steadily: those of a fleet that began long ago."""
+        before, period, count = self._far, self.cycles.period, 1
+        if before is not None:
+            since = now - before[1]
+            if number == before[0]:
+                return False  # repeated
+            if 0 < number - before[0] <= 2.0 * since / period + 1.0 and since <= STEADY * period:
+                count = before[2] + 1
+        self._far = number, now, count
+        return count >= STEADY
 
     def _be(self, cycle: Cycle, now: float) -> None:
         if not self.cycles.advance(cycle, now):
@@ -135,9 +154,11 @@ class Sharing:
             self._take(number, claim, now)
         for number, contender in enumerate(self._contenders):
             rival = contender.rival
-            held = rival is not None and rival.claim.ballot.instance == instance
-            if held and rival is not None and number not in there and not rival.gone:
-                # All that it holds is in each message: what is missing has been released.
+            if rival is None or rival.claim.ballot.instance != instance or rival.gone:
+                continue
+            if number not in there and cycle.number >= rival.claim.cycle.number:
+                # All that it holds is in each message: what is missing has been released. A message
+                # that is overtaken by a newer claim releases nothing.
                 ballot = rival.claim.ballot
                 self._take(number, Claim(contender.resource.name, ballot, cycle, None), now)
         return begins

@@ -10,10 +10,13 @@ import re
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from io import BytesIO
 from os import SEEK_END
 from typing import IO, Final
 
+import zstandard
+from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
@@ -111,9 +114,26 @@ def _record(stream: IO[bytes], at: int, size: int) -> tuple[list[McapRecord], in
         raise ValueError("its length is wrong")
     if not isinstance(record, Chunk):
         return [record], end
-    if record.uncompressed_size > LARGEST:
+    return breakup_chunk(_unpacked(record), validate_crc=True), end
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """The chunk without compression. Raises if it holds more than it declares, before it is read.
+
+    What a damaged or crafted chunk declares binds no decompressor: 13 kB may hold gigabytes.
+    """
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > LARGEST:
         raise ValueError("too large")
-    return breakup_chunk(record, validate_crc=True), end
+    if chunk.compression == "zstd":
+        if zstandard.frame_content_size(data) not in (-1, size):
+            raise ValueError("its size is wrong")
+        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    elif chunk.compression == "lz4":
+        data = LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    if len(data) != size or data[:1] == b"\0":
+        raise ValueError("its contents are wrong")
+    return replace(chunk, compression="", data=data)
 
 
 def _head(stream: IO[bytes], at: int, size: int) -> tuple[int, int, int]:

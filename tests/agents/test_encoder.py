@@ -59,11 +59,11 @@ class Robot:
         identity = Identity(f"encoder-{self.starts}", rng=random.Random(self.starts))
         return Encoder(identity, self.parameters)
 
-    def at(self, x: float, y: float, theta: float) -> Pose:
+    def at(self, x: float, y: float, theta: float, v: float = 0.0) -> Pose:
         self.number += 1
         self.now += 0.1
         cycle = Cycle(self.epoch, self.number)
-        self.encoder.receive(RobotState(cycle, x, y, theta, 0, 0, 12, True, False), self.now)
+        self.encoder.receive(RobotState(cycle, x, y, theta, v, 0, 12, True, False), self.now)
         said = [item.message for item in self.encoder.outbox if isinstance(item, Publish)]
         self.encoder.outbox.clear()
         self.said += said
@@ -415,3 +415,22 @@ def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
     pose = robot.at(0.6, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.1, pi / 2))
     assert robot.origin().counter > 1
+
+
+def test_a_robot_that_drives_stays_where_it_is_whatever_people_said_before() -> None:
+    robot = Robot(1.0, 2.0)
+    robot.at(0.5, 0.0, 0.0, v=0.4)
+    robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
+    pose = robot.at(0.5, 0.0, 0.0)
+    assert (pose.x, pose.y) == pytest.approx((1.0, 2.0))
+
+
+def test_a_correction_from_before_people_said_where_it_stands_changes_nothing() -> None:
+    robot = Robot(1.0, 2.0)
+    for _ in range(5):
+        robot.at(0.5, 0.0, 0.0)
+    robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
+    late = Correction(Cycle(1, 3), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
+    robot.encoder.receive(late, robot.now)
+    pose = robot.at(0.5, 0.0, 0.0)
+    assert (pose.x, pose.y) == pytest.approx((7.0, 3.0))

@@ -9,7 +9,7 @@ import pytest
 
 from armadico.agents.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
 from armadico.core.agent import Identity, Publish, Refused
-from armadico.core.messages import FleetPassages, FleetPose, Message, Trajectory
+from armadico.core.messages import FleetPassages, FleetPose, Message, Stop, Trajectory
 from armadico.observe.measures import speeds
 from armadico_tools.experiments.narrow import map_of
 from tests.framework.stage import Stage, claims, commands, drive_to
@@ -235,3 +235,12 @@ def test_the_message_says_what_is_held_wanted_and_waited_for(world: str) -> None
 def test_a_map_that_is_not_there_ends_the_agent_at_its_start(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="none"):
         Robot("a", str(tmp_path / "none.map"), 3.0, 15.0)
+
+
+def test_a_robot_that_was_stopped_before_a_passage_leaves_it_to_the_others(world: str) -> None:
+    stopped = Robot("a", world, 2.5, 15.0)
+    fleet = Fleet(stopped, Robot("b", world, 17.0, 3.0))
+    stopped.hand(Stop(1, stopped=True, by="a person"))
+    stopped.goal = stopped.x  # where it stands
+    fleet.run(60.0)
+    assert fleet.robots["b"].there

@@ -843,3 +843,23 @@ def test_a_robot_that_moves_is_not_told_where_it_stands() -> None:
     asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
     assert "it moves" in desk.replies[asked].refusal
     assert not [said for said in desk.said if isinstance(said, InitialPose)]
+
+
+def test_a_place_that_is_not_taken_on_in_time_starts_no_robot_later() -> None:
+    desk = Desk()
+    desk.at(5.0, 5.0)
+    asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
+    desk.agent.wake(desk.now + 600.0)
+    desk.take()
+    desk.at(1.0, 1.0, speed=ROLLING)
+    assert "no encoder agent" in desk.replies[asked].refusal
+    assert not desk.trajectories()
+
+
+def test_while_a_way_is_planned_the_robot_is_placed_nowhere_else() -> None:
+    desk = Desk()
+    desk.at(5.0, 5.0)
+    desk.request(MissionRequest(GOAL))
+    again = desk.request(MissionRequest(DOOR, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
+    assert "under way" in desk.replies[again].refusal
+    assert not [said for said in desk.said if isinstance(said, InitialPose)]

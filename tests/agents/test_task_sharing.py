@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from armadico.agents.methods.sharing import FAR, LATEST
+from armadico.agents.methods.sharing import FAR, LATEST, FleetClock
 from armadico.agents.methods.task_sharing import PERIOD_S, TaskSharing, done_of
 from armadico.core.exchange import Bid
 from armadico.core.messages import Cycle, FleetClaims, FleetDone, encode
@@ -281,3 +281,53 @@ def test_two_halves_that_were_apart_lose_nothing_and_share_again(
     assert set(before) | set(since) == set(range(tasks))
     assert not set(before) & set(since), "what either half did before is done"
     assert all(times == 1 for times in since.values())
+
+
+def clock_ahead(cycles: int) -> tuple[FleetClock, FleetClock]:
+    """A clock that began long ago, and a new one that received nothing in its first period."""
+    old, new = FleetClock(LIST, PERIOD_S, 0.0), FleetClock(LIST, PERIOD_S, 0.0)
+    old.follow(Cycle(LIST, 0), 0.0)
+    for number in range(0, cycles, FAR):
+        old.follow(Cycle(LIST, number), 0.0)
+    old.follow(Cycle(LIST, cycles), 0.0)
+    new.count(PERIOD_S)
+    return old, new
+
+
+@pytest.mark.parametrize("cycles", [10, FAR + 200, 40 * FAR])
+def test_a_robot_that_joins_late_follows_a_fleet_that_began_long_ago(cycles: int) -> None:
+    """Two fleets that ignored each other's cycles each held the same passage."""
+    old, new = clock_ahead(cycles)
+    now = PERIOD_S
+    for _ in range(8):
+        now += PERIOD_S
+        old.count(now)
+        assert old.cycles.newest is not None
+        new.follow(old.cycles.newest, now)
+        new.count(now)
+    assert new.cycles.newest == old.cycles.newest
+
+
+@given(st.lists(st.integers(0, LATEST), max_size=8))
+def test_far_numbers_that_leap_move_no_clock(numbers: list[int]) -> None:
+    clock = FleetClock(LIST, PERIOD_S, 0.0)
+    clock.count(PERIOD_S)
+    for turn, number in enumerate(numbers):
+        clock.follow(Cycle(LIST, FAR + 10 + 1000 * turn + number // 2**20 * 2**10), 2.0 + turn)
+    newest = clock.cycles.newest
+    assert newest is not None
+    assert newest.number == 0
+
+
+def test_a_message_that_was_overtaken_releases_nothing() -> None:
+    world = World(2, 1, seed=5, loss=0.0)
+    world.run(8.0)
+    holder = next(robot for robot in world.robots.values() if robot.sharing.mine)
+    other = next(robot for robot in world.robots.values() if robot is not holder)
+    cycle = holder.sharing.clock.cycles.newest
+    assert cycle is not None
+    before = Cycle(LIST, cycle.number - 1)
+    instance = holder.sharing.instance
+    other.hear(FleetClaims(holder.name, instance, before, ()), world.now)
+    assert other.sharing.mine == []
+    assert other.sharing.rival(0) is not None

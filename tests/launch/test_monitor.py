@@ -475,3 +475,15 @@ def test_anybody_may_ask_the_wakeup_agent_of_a_host() -> None:
     (kept,) = (k for k in shares[-1].kept if "relocate" in k.agents)
     assert kept.state is KeptState.ENDED
     assert society.let_pass(20.0).more() == {}
+
+
+def test_one_who_comes_and_goes_all_the_time_hides_nobody_who_hangs() -> None:
+    society = Society().let_pass(6.0)
+    FAULTS["deaf"](society.mesh.node("goto"))
+    monitor = society.mesh.node("monitor").agent
+    for turn in range(8):
+        monitor.on_appeared("guest", f"guest-{turn}")
+        society.let_pass(1.0)
+        monitor.on_disappeared("guest", f"guest-{turn}")
+        society.let_pass(1.5)
+    assert society.more().get("goto", 0) >= 1

@@ -14,10 +14,14 @@ from hypothesis import strategies as st
 
 pytest.importorskip("mcap")
 
+import lz4.frame
+import zstandard
 from mcap.reader import make_reader
+from mcap.records import Chunk
 
 from armadico.core import messages as m
 from armadico.core.services import SERVICES
+from armadico.observe import salvage
 from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import TRIES, Gaps, Recording, record
 from armadico.observe.recordings import RecordingError, Row, rows
@@ -457,3 +461,15 @@ def test_pieces_that_nobody_has_are_not_asked_for_for_ever() -> None:
     assert asked[0] == [("robot1", "avoid-1", n) for n in range(3)]
     assert asked[-1] == []
     assert gaps.lost == 3
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_that_holds_more_than_it_declares_is_damaged_and_not_unpacked(
+    compression: str,
+) -> None:
+    """13 kB of zstd took 400 MB."""
+    zeros = bytes(2**24)
+    packed = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
+    chunk = Chunk(compression, packed, 0, 0, 0, 100)
+    with pytest.raises(ValueError, match=r"size|contents"):
+        salvage._unpacked(chunk)
