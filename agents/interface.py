@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.behaviour import LOST_M
@@ -90,8 +91,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
     turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
-    slow_m_s: Annotated[float, Meta(gt=0, le=1)] = 0.01
-    slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
+    slow_m_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_M_S
+    slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_RAD_S
     repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 20.0
     reach_m: Annotated[float, Meta(gt=0, le=1e5)] = 200.0
