@@ -87,7 +87,7 @@ class Confirmation(Struct, frozen=True):
     odds: float  # with such odds, a natural logarithm,
     fit: float  # where the readings fit so well in absolute terms, by their geometric mean,
     better: float  # and so much better than here
-    looks_after: int  # new readings after which a lost robot is searched for,
+    looks_after: int  # steps between new readings after which a lost robot is searched for,
     found_fit: float  # and how well they have to fit where it is found
     misfit: float  # a worse fit than this on average is reported,
     chance: float  # and no better than this they fit anywhere
@@ -409,7 +409,7 @@ class Localization(Agent):
         """A search: of a lost robot, or of one whose readings fit badly, by its newest readings."""
         particles, history = self._filter, self._filter.history
         if self._lost or self._unproved:
-            if history.news < self._confirm.looks_after:
+            if history.steps < self._confirm.looks_after:
                 return None
             history.mark()
             return particles.search()

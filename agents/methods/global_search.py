@@ -158,14 +158,15 @@ class Alternative(Struct, frozen=True):
 class History:
     """The readings of the last metres of the drive, and how the robot moved between them.
 
-    `news` counts the readings that no search has used yet.
+    `news` counts the readings that no search has used yet, `steps` the distances between them, in
+    multiples of the least one: more than `news` where a scanner is slow or its scans are rare.
     """
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._since: Pose2 = STOOD  # the motion since the last reading that is kept
         self._kept: deque[Reading] = deque(maxlen=settings.remembered)
-        self.news = 0
+        self.news = self.steps = 0
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -173,7 +174,8 @@ class History:
     def clear(self) -> None:
         """Forget all: no known motion leads on from there."""
         self._kept.clear()
-        self.news, self._since = 0, STOOD
+        self.news = self.steps = 0
+        self._since = STOOD
 
     def move(self, motion: Pose2) -> None:
         """The robot moved so in its own frame, by the odometry: m, m, rad."""
@@ -182,11 +184,12 @@ class History:
     def add(self, echoes: Sequence[Echo]) -> None:
         """Keep a reading, if the robot has moved far enough since the last one."""
         settings = self._settings
-        far = hypot(*self._since[:2]) > settings.apart_m
-        if far or abs(self._since[2]) > settings.apart_rad or not self._kept:
+        way, turn = hypot(*self._since[:2]), abs(self._since[2])
+        if way > settings.apart_m or turn > settings.apart_rad or not self._kept:
             self._kept.append(Reading(self._since, echoes, []))
             self._since = STOOD
             self.news += 1
+            self.steps += max(1, int(way / settings.apart_m), int(turn / settings.apart_rad))
         elif not settings.whole:
             self._kept[-1].more.extend(
                 Echo(*compose(self._since, (e.x, e.y, e.bearing)), e.range) for e in echoes
@@ -196,11 +199,11 @@ class History:
         """Drop all readings but the newest `but`: they were taken at another place."""
         while len(self._kept) > but:
             self._kept.popleft()
-        self.news = but
+        self.news = self.steps = but
 
     def mark(self, newest: int = 0) -> None:
         """From now on at most the newest `newest` readings count as news."""
-        self.news = min(self.news, newest)
+        self.news, self.steps = min(self.news, newest), min(self.steps, newest)
 
     def stretch(self, most: int | None = None) -> list[Behind]:
         """The newest readings, backwards, as seen from the robot's present pose."""
