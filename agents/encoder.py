@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.odometry import NOWHERE_M, begun_anew, may_stand_at
+from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
@@ -55,9 +55,6 @@ Pioneer's wheels, uncalibrated, drift 0.1 m in a metre at worst."""
 UNCOUNTED_M = 25.0
 """A controller that has begun anew has not counted what rolled meanwhile: half a metre and half a
 radian, as if the robot had come so far uncorrected."""
-
-WIDEST = 1e4
-"""No variance grows beyond this: m^2, rad^2."""
 
 ZERO: Pose2 = (0.0, 0.0, 0.0)
 

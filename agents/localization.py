@@ -18,7 +18,7 @@ from armadico.agents.methods.global_search import Alternative, Model, Search, ap
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
-from armadico.agents.methods.odometry import begun_anew, may_stand_at
+from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
 from armadico.config.places import Places
@@ -225,6 +225,8 @@ class Localization(Agent):
         """Begin about the first pose."""
         if self._begun or not self._useful or self._odometry is None:
             return
+        if max(abs(pose.x), abs(pose.y)) > NOWHERE_M:
+            return
         self._begun = True
         self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
@@ -326,7 +328,7 @@ class Localization(Agent):
         self._filter.lost = self._lost and not self._spread
         c = found.covariance
         if self._lost:  # at least a metre off: no place fits
-            c = np.maximum(self._filter.scatter(), np.eye(3))
+            c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
             more = max(0.0, self._least_m() ** 2 - found.deviation_m**2)
             c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
