@@ -451,14 +451,14 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
             raise LogError("holds no odometry: all poses are the same", path)
         robot = robot if len(robot) else laser
         laser = laser if moves else robot
-        known = np.isfinite(robot).all(axis=1)
-        if not known.any():
+        held = np.isfinite(robot).all(axis=1)
+        if not held.any():
             raise LogError("holds no odometry: no ODOM line is of the time of a scan", path)
-        if not known.all():
-            left = len(known) - np.count_nonzero(known)
-            notes.append(f"{left} of {len(known)} scans are earlier or later than all ODOM lines")
-            same = [same[row] for row in np.flatnonzero(known)]
-            times, laser, robot = times[known], laser[known], robot[known]
+        if not held.all():
+            left = len(held) - np.count_nonzero(held)
+            notes.append(f"{left} of {len(held)} scans are earlier or later than all ODOM lines")
+            same = [same[row] for row in np.flatnonzero(held)]
+            times, laser, robot = times[held], laser[held], robot[held]
     mounts = np.array(
         [relative(a, b) for a, b in zip(map(_pose, robot), map(_pose, laser), strict=True)]
     )

@@ -83,6 +83,22 @@ def test_the_estimate_follows_the_reference_where_odometry_alone_does_not(
     assert found.scan_median_ms > 0.0
 
 
+def test_the_reference_is_of_the_moment_of_the_estimate(world: str, tmp_path: Path) -> None:
+    """Readings come between two cycles: the robot moves on until the next one."""
+    t = 0.45 * np.arange(127)
+    exact = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
+    for one in localized(exact, chosen(exact, world), float).moments[::9]:
+        assert one.reference is not None
+        assert one.reference[:2] == pytest.approx(one.alone[:2], abs=1e-6)
+
+
+def test_of_several_readings_in_a_cycle_the_newest_counts(world: str, tmp_path: Path) -> None:
+    fast = logs.read(made_logs.npz(tmp_path / "a.npz", t=0.03 * np.arange(127)))
+    moments = localized(fast, chosen(fast, world), float).moments
+    assert moments[-1].reading == 126
+    assert len(moments) < 127 / 3 + 2
+
+
 def test_one_seed_is_one_result(log: Log, world: str) -> None:
     few = chosen(log, world, readings=range(60))
     first, same = (localized(log, few, float).moments for _ in range(2))
