@@ -10,7 +10,7 @@ from msgspec import Meta
 from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
-from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.core.messages import (
     COVARIANCE,
     Correction,
@@ -56,8 +56,6 @@ UNCOUNTED_M = 25.0
 """A controller that has begun anew has not counted what rolled meanwhile: half a metre and half a
 radian, as if the robot had come so far uncorrected."""
 
-ZERO: Pose2 = (0.0, 0.0, 0.0)
-
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Where the robot stands in the world when no agent remembers: m, m, rad."""
@@ -87,7 +85,7 @@ class Encoder(Agent):
         self._id = self.rng.getrandbits(63)
         self._counter, self._by = 0, self._id  # of the origin
         self._origin: Pose2 | None = None  # where it lies in the world; None: nobody has said
-        self._known = 0, ZERO  # its epoch, and the odometry last known of that
+        self._known = 0, STOOD  # its epoch, and the odometry last known of that
         self._published = 0
         self._unsaid = False  # the origin was given up, or leapt, since it was published
         self._waited = 0  # cycles without an origin
@@ -169,7 +167,7 @@ class Encoder(Agent):
             here[1] + share * (there[1] - here[1]),
             here[2] + share * turned,
         )
-        return compose(place, relative(odometry, ZERO))
+        return compose(place, relative(odometry, STOOD))
 
     def _keep(self, origin: Pose2, odometry: Pose2, epoch: int) -> None:
         """Publish the origin, with where the odometry is now; the longer it is known the larger."""
@@ -191,7 +189,7 @@ class Encoder(Agent):
         if max(map(abs, place[:2])) > NOWHERE_M:
             place = (self.p.x, self.p.y, self.p.theta)
         self._by = self._id
-        return compose(place, relative(odometry, ZERO))
+        return compose(place, relative(odometry, STOOD))
 
     def _go_on(self, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         """With another robot agent the controller has counted on, or begun anew."""

@@ -26,7 +26,7 @@ from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
-from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.geometry import STOOD, Pose2, compose, relative
 from armadico.core.messages import (
     Card,
     Correction,
@@ -51,8 +51,6 @@ Odds = Annotated[float, Meta(ge=0, le=1000)]
 
 LARGE = 250_000
 """Cells from which on what is derived from a map is kept: a fifth of a second's work and more."""
-
-STOOD: Pose2 = (0.0, 0.0, 0.0)
 
 UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
 """Standard deviations of what rolled while no process counted: two seconds until the controller's
@@ -335,7 +333,7 @@ class Localization(Agent):
         self.publish(
             Correction(
                 cycle,
-                *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
+                *compose(found.pose, relative(self._odometry, STOOD)),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if self._lost else min(1.0, found.share),
                 elsewhere=self._doubted,

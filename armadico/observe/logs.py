@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
-from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.geometry import STOOD, Pose2, compose, relative
 from armadico.core.messages import Cycle, Description, Message, RobotState, Scan, Sonar, Truth
 from armadico.core.scans import message_of
 from armadico.observe.recordings import Past, RecordingError
@@ -99,7 +99,7 @@ class Scans:
     scale: float  # m
     angles: tuple[float, float]  # of the first ray, and from one ray to the next, rad
     reach: float  # m; at this range and beyond nothing was seen
-    mount: Pose2 = (0.0, 0.0, 0.0)
+    mount: Pose2 = STOOD
 
     def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
         """See `Readings`."""
@@ -367,7 +367,7 @@ def _scanned(
     *,
     real: bool,
     reach: float | None,
-    mount: Pose2 = (0.0, 0.0, 0.0),
+    mount: Pose2 = STOOD,
 ) -> Log:
     """A log whose rows are scans. Raises LogError if no scan can be made of them."""
     first, step = angles
@@ -381,7 +381,7 @@ def _scanned(
         least = f"no range is from {LEAST_M:g} to {readings.reach:g} m"
         raise LogError(f"no scans: {least}; expected ranges times scale in m", path)
     try:
-        readings.message(0, Cycle(0, 0), (0.0, 0.0, 0.0), 0)
+        readings.message(0, Cycle(0, 0), STOOD, 0)
     except ValueError as error:
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
@@ -451,11 +451,11 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
             raise LogError("holds no odometry: all poses are the same", path)
         robot = robot if len(robot) else laser
         laser = laser if moves else robot
-        held = np.isfinite(robot).all(axis=1)
+        held = _near(robot)
         if not held.any():
             raise LogError("holds no odometry: no ODOM line is of the time of a scan", path)
         if not held.all():
-            left = len(held) - np.count_nonzero(held)
+            left = len(held) - int(held.sum())
             notes.append(f"{left} of {len(held)} scans are earlier or later than all ODOM lines")
             same = [same[row] for row in np.flatnonzero(held)]
             times, laser, robot = times[held], laser[held], robot[held]
@@ -474,7 +474,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
     if corrected and one_pose:
         reference = robot
     elif corrected:
-        back = relative(mount, (0.0, 0.0, 0.0))
+        back = relative(mount, STOOD)
         reference = np.array([compose(at, back) for at in map(_pose, laser)])
     table = _Table(times, robot, reference, tuple(notes))
     kept = table.clean(path)
