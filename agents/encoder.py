@@ -7,10 +7,10 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.odometry import NOWHERE_M, begun_anew, may_stand_at
+from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
-from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.core.messages import (
     COVARIANCE,
     Correction,
@@ -56,11 +56,6 @@ UNCOUNTED_M = 25.0
 """A controller that has begun anew has not counted what rolled meanwhile: half a metre and half a
 radian, as if the robot had come so far uncorrected."""
 
-WIDEST = 1e4
-"""No variance grows beyond this: m^2, rad^2."""
-
-ZERO: Pose2 = (0.0, 0.0, 0.0)
-
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Where the robot stands in the world when no agent remembers: m, m, rad."""
@@ -90,8 +85,9 @@ class Encoder(Agent):
         self._id = self.rng.getrandbits(63)
         self._counter, self._by = 0, self._id  # of the origin
         self._origin: Pose2 | None = None  # where it lies in the world; None: nobody has said
-        self._known = 0, ZERO  # its epoch, and the odometry last known of that
+        self._known = 0, STOOD  # its epoch, and the odometry last known of that
         self._published = 0
+        self._unsaid = False  # the origin was given up, or leapt, since it was published
         self._waited = 0  # cycles without an origin
         self._correction: Correction | None = None
         self._covariance: tuple[float, ...] = ()
@@ -118,7 +114,9 @@ class Encoder(Agent):
         if min(xx, yy, tt) < 0.0 or max(abs(correction.x), abs(correction.y)) > NOWHERE_M:
             return  # no variance is negative, nor is any place there: it is not true
         self._covariance = correction.covariance
-        self._correction = correction if correction.confidence >= SURE else None
+        sure = correction.confidence >= SURE
+        self._unsaid |= not sure and self._correction is not None
+        self._correction = correction if sure else None
 
     def on_initial_pose(self, told: InitialPose) -> None:
         """People know where the robot stands (thesis 5.2.5): the interface agent passes it on."""
@@ -148,7 +146,7 @@ class Encoder(Agent):
         self._known = epoch, odometry
         self.publish(Pose(state.cycle, *compose(origin, odometry), self._covariance))
         self._published += 1
-        if begins or self._published % AGAIN_CYCLES == 0:
+        if begins or self._unsaid or self._published % AGAIN_CYCLES == 0:
             self._keep(origin, odometry, epoch)
 
     def _corrected(self, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
@@ -161,7 +159,7 @@ class Encoder(Agent):
         off, turned = hypot(there[0] - here[0], there[1] - here[1]), wrap(there[2] - here[2])
         if off > LEAP_M or abs(turned) > LEAP_RAD:
             self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
-            share = 1.0
+            share, self._unsaid = 1.0, True
         else:
             share = min(1.0, CREEP_M / max(off, 1e-9), CREEP_RAD / max(abs(turned), 1e-9))
         place = (
@@ -169,10 +167,11 @@ class Encoder(Agent):
             here[1] + share * (there[1] - here[1]),
             here[2] + share * turned,
         )
-        return compose(place, relative(odometry, ZERO))
+        return compose(place, relative(odometry, STOOD))
 
     def _keep(self, origin: Pose2, odometry: Pose2, epoch: int) -> None:
         """Publish the origin, with where the odometry is now; the longer it is known the larger."""
+        self._unsaid = False
         self._counter = next_count(self._counter)
         self.publish(
             Origin(
@@ -190,7 +189,7 @@ class Encoder(Agent):
         if max(map(abs, place[:2])) > NOWHERE_M:
             place = (self.p.x, self.p.y, self.p.theta)
         self._by = self._id
-        return compose(place, relative(odometry, ZERO))
+        return compose(place, relative(odometry, STOOD))
 
     def _go_on(self, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         """With another robot agent the controller has counted on, or begun anew."""

@@ -18,7 +18,7 @@ from armadico.agents.methods.global_search import Alternative, Model, Search, ap
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
-from armadico.agents.methods.odometry import begun_anew, may_stand_at
+from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
 from armadico.config.places import Places
@@ -26,7 +26,7 @@ from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
-from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.geometry import STOOD, Pose2, compose, relative
 from armadico.core.messages import (
     Card,
     Correction,
@@ -51,8 +51,6 @@ Odds = Annotated[float, Meta(ge=0, le=1000)]
 
 LARGE = 250_000
 """Cells from which on what is derived from a map is kept: a fifth of a second's work and more."""
-
-STOOD: Pose2 = (0.0, 0.0, 0.0)
 
 UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
 """Standard deviations of what rolled while no process counted: two seconds until the controller's
@@ -225,6 +223,8 @@ class Localization(Agent):
         """Begin about the first pose."""
         if self._begun or not self._useful or self._odometry is None:
             return
+        if max(abs(pose.x), abs(pose.y)) > NOWHERE_M:
+            return
         self._begun = True
         self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
@@ -326,14 +326,14 @@ class Localization(Agent):
         self._filter.lost = self._lost and not self._spread
         c = found.covariance
         if self._lost:  # at least a metre off: no place fits
-            c = np.maximum(self._filter.scatter(), np.eye(3))
+            c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
             more = max(0.0, self._least_m() ** 2 - found.deviation_m**2)
             c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
         self.publish(
             Correction(
                 cycle,
-                *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
+                *compose(found.pose, relative(self._odometry, STOOD)),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if self._lost else min(1.0, found.share),
                 elsewhere=self._doubted,

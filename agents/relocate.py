@@ -15,15 +15,13 @@ from armadico.core import agent, particles
 from armadico.core.agent import WARNING
 from armadico.core.behaviour import LOST_M, Behaviour
 from armadico.core.exchange import Bid
-from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.core.messages import Message, Obstacles, Particles, Point, Pose, RobotState, Sonar
 from armadico.core.parameters import TURN_MARGIN_M, Safety
 from armadico.core.resources import WHEELS
 from armadico.core.swept_path import free_path, free_turn
 
 Metres = Annotated[float, Meta(gt=0, le=10)]
-
-STOOD: Pose2 = (0.0, 0.0, 0.0)
 
 SWINGS = 2
 """Turned back so often on the spot it has seen what it can from there."""

@@ -21,13 +21,11 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.methods.sonar_model import Poses
-from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.core.messages import Echo
 
 if TYPE_CHECKING:
     from armadico.config.profile import Odometry
-
-STOOD: Final[Pose2] = (0.0, 0.0, 0.0)
 
 EXACT: Final = 1e-4
 """Least standard deviation of the wheels' errors in a search: one of 0 could not be divided by."""

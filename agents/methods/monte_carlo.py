@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import exp, hypot, inf, log, sqrt
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from msgspec import Struct
@@ -168,10 +168,8 @@ class MonteCarlo:
         """Begin about a pose."""
         settings = self.settings
         wide = deviation_m > 2.0 * settings.bin_m or deviation_rad > 2.0 * settings.bin_rad
-        n = self.settings.most if wide else self.settings.least
-        spread = np.array([deviation_m, deviation_m, deviation_rad])
-        guesses = np.asarray(pose) + self._rng.standard_normal((n, 3)) * spread
-        self._begin(guesses.astype(np.float32))
+        about = np.tile(pose, (settings.most if wide else settings.least, 1))
+        self._begin_about(about, deviation_m, deviation_rad)
 
     def start_anywhere(self) -> None:
         """Begin with no idea of the pose."""
@@ -179,11 +177,13 @@ class MonteCarlo:
 
     def scatter_by(self, deviation_m: float, deviation_rad: float) -> None:
         """The robot made a motion that is not known: spread each particle by so much."""
-        n = self.settings.most
-        guesses = self.poses[self._drawn(n)].astype(np.float64)
+        about = self.poses[self._drawn(self.settings.most)]
+        self._begin_about(about, deviation_m, deviation_rad)
+
+    def _begin_about(self, poses: NDArray[Any], deviation_m: float, deviation_rad: float) -> None:
         spread = np.array([deviation_m, deviation_m, deviation_rad])
-        guesses += self._rng.standard_normal((n, 3)) * spread
-        self._begin(guesses.astype(np.float32))
+        off = self._rng.standard_normal(poses.shape) * spread
+        self._begin((poses.astype(np.float64) + off).astype(np.float32))
 
     def _begin(self, poses: Poses) -> None:
         self.changes += 1
@@ -333,8 +333,12 @@ class MonteCarlo:
 
     def _drawn(self, n: int) -> NDArray[np.intp]:
         """So many of them by low variance (table 4.4)."""
+        return self._by_weight(n, self._rng.random())
+
+    def _by_weight(self, n: int, first: float) -> NDArray[np.intp]:
+        """So many particles at even steps of the weight, the first one at this share of a step."""
         total = np.cumsum(self.weights)
-        at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
+        at = (first + np.arange(n)) * (total[-1] / n)
         drawn: NDArray[np.intp] = np.minimum(np.searchsorted(total, at), len(total) - 1)
         return drawn
 
@@ -363,9 +367,7 @@ class MonteCarlo:
         By low variance, and without a random number: to look changes nothing.
         """
         n = min(most, len(self.poses))
-        total = np.cumsum(self.weights)
-        drawn = np.searchsorted(total, (np.arange(n) + 0.5) * (total[-1] / n)) if n else []
-        return self.poses[drawn].astype(np.float64)
+        return self.poses[self._by_weight(n, 0.5) if n else []].astype(np.float64)
 
     def scatter(self) -> NDArray[np.float64]:
         """Covariance of all the particles about their mean, (3, 3)."""

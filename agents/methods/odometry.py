@@ -21,6 +21,9 @@ SLOW_M_S, SLOW_RAD_S = 0.01, 0.02
 NOWHERE_M = 2e5
 """A place beyond this is no place: what led there was not true, and the parameters count again."""
 
+WIDEST: Final = 1e4
+"""No variance of a pose is published that is larger: m^2, rad^2."""
+
 NEAR_M, NEAR_RAD = 0.3, 0.5
 """Within this of zero it was near zero before."""
 

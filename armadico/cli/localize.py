@@ -60,6 +60,7 @@ def main(argv: Sequence[str]) -> int:
     chosen = _chosen(args, log)
     with TemporaryDirectory(prefix="armadico-") as folder:
         world, named = _world(args, log, Path(folder) / "map.yaml")
+        _check_start(args, world)
         chosen = replace(chosen, world=world)
         run = localizing.Run(log, chosen, time.process_time)
         with progress("localize", len(chosen.readings)) as step:
@@ -216,6 +217,18 @@ def _world(args: argparse.Namespace, log: Log, path: Path) -> tuple[str, str]:
         grid_map.save(cells, args.save_map)
     grid_map.save(cells, path)
     return str(path), f"made of {count} scans ({of})"
+
+
+def _check_start(args: argparse.Namespace, world: str) -> None:
+    """Raises UsageError if the start is not on the map, ConfigError if there is no such map."""
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
+
+    if args.start is None:
+        return
+    (x, y, _), (west, south, east, north) = args.start, load_world(world).bounds
+    if not (west <= x <= east and south <= y <= north):
+        on_map = f"x from {west:g} to {east:g} m and y from {south:g} to {north:g} m"
+        raise UsageError(f"--start {x:g} {y:g}: not on the map; expected {on_map}")
 
 
 def _profile(args: argparse.Namespace, log: Log) -> str:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from math import cos, hypot, pi, sin
+from typing import Final
 
 TWO_PI = 2.0 * pi
 
 Pose2 = tuple[float, float, float]
 """x, y in m and a heading in rad."""
+
+STOOD: Final[Pose2] = (0.0, 0.0, 0.0)
+"""No motion; also the origin of a frame, in that frame."""
 
 
 def wrap(angle: float) -> float:

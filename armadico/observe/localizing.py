@@ -28,16 +28,8 @@ from armadico.config.grid_map import Cells
 from armadico.config.loading import load_parameters
 from armadico.config.profile import RobotProfile
 from armadico.core.agent import Agent, Identity, Publish
-from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import (
-    Correction,
-    Cycle,
-    Echo,
-    Message,
-    Pose,
-    RobotState,
-    Scan,
-)
+from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
+from armadico.core.messages import Correction, Cycle, Echo, Message, Pose, RobotState, Scan
 from armadico.core.services import service_of
 from armadico.observe.logs import Log, LogError
 
@@ -122,7 +114,7 @@ def mapped(
         assert at is not None, "only those that are known"
         cycle = Cycle(1, number)
         pose = Pose(cycle, *at)
-        reading = log.readings.message(i, cycle, (0.0, 0.0, 0.0), number)
+        reading = log.readings.message(i, cycle, STOOD, number)
         if isinstance(reading, Scan):
             mapper.see(pose, reading)
         else:
@@ -173,10 +165,9 @@ class Track:
     """What came of going through a log."""
 
     moments: list[Moment] = field(default_factory=list)
-    scan_s: list[float] = field(
-        default_factory=list
-    )  # processor time of each cycle with a reading,
-    other_s: list[float] = field(default_factory=list)  # and of each other cycle
+    # Processor time of each cycle with a reading, and of each other cycle.
+    scan_s: list[float] = field(default_factory=list)
+    other_s: list[float] = field(default_factory=list)
     readings: int = 0
 
 
@@ -194,27 +185,19 @@ class Chosen:
     sets: tuple[str, ...] = ()  # of the agent that corrects, each KEY=VALUE
 
 
-def localized(
-    log: Log, chosen: Chosen, clock: Callable[[], float], step: Callable[[], None] = lambda: None
-) -> Track:
-    """Go through a log.
-
-    Args:
-        log: The log.
-        chosen: How.
-        clock: Tells the processor time, s.
-        step: Called for each reading.
-
-    Raises ConfigError for what an agent refuses, LogError where there is no start.
-    """
-    return Run(log, chosen, clock).go(step)
-
-
 class Run:
     """One log under way; `go` goes through it once."""
 
     def __init__(self, log: Log, chosen: Chosen, clock: Callable[[], float]) -> None:
-        """Make the agents; see `localized`. Raises ConfigError, LogError."""
+        """Make the agents.
+
+        Args:
+            log: The log.
+            chosen: How.
+            clock: Tells the processor time, s.
+
+        Raises ConfigError for what an agent refuses, LogError where there is no start.
+        """
         self._log, self._clock = log, clock
         self._readings, start = _begun(log, chosen)
         self._first = log.odometry_at(log.time(self._readings[0]))
@@ -241,11 +224,8 @@ class Run:
 
     def _times(self) -> list[float]:
         """When the cycles are, s of the log."""
-        log, first, last = (
-            self._log,
-            self._log.time(self._readings[0]),
-            self._log.time(self._readings[-1]),
-        )
+        log = self._log
+        first, last = (log.time(self._readings[end]) for end in (0, -1))
         if log.cycles:
             inside = (log.times >= first - BEFORE_S) & (log.times <= last)
             times: list[float] = log.times[inside].tolist()
@@ -253,8 +233,8 @@ class Run:
         count = ceil((last - first + BEFORE_S) / CYCLE_S) + 1
         return [first - BEFORE_S + CYCLE_S * tick for tick in range(1, count + 1)]
 
-    def go(self, step: Callable[[], None]) -> Track:
-        """Go through all of it."""
+    def go(self, step: Callable[[], None] = lambda: None) -> Track:
+        """Go through all of it; `step` is called for each reading."""
         log, track, due = self._log, Track(), 0
         begun, way, before, heading = self._ticks[0], 0.0, None, None
         begun -= CYCLE_S
@@ -360,7 +340,7 @@ def _begun(log: Log, chosen: Chosen) -> tuple[list[int], Pose2]:
         assert at is not None, "those without are gone"
         return readings, at
     if chosen.anywhere:
-        return list(chosen.readings), (0.0, 0.0, 0.0)
+        return list(chosen.readings), STOOD
     raise LogError(f"{log.name} has no reference poses: name the start")
 
 

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import hypot, isnan, pi
+from math import hypot, isfinite, isnan, pi, tau
 from pathlib import Path
 from random import Random
 from typing import IO, Any, Final, Protocol, cast
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
-from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.geometry import STOOD, Pose2, compose, relative
 from armadico.core.messages import Cycle, Description, Message, RobotState, Scan, Sonar, Truth
 from armadico.core.scans import message_of
 from armadico.observe.recordings import Past, RecordingError
@@ -55,6 +55,10 @@ LATE: Final = 10
 """So many rows in a row with earlier times mean that the clock was set back."""
 
 STEP_S: Final = 1.0
+"""Also so long before the first and after the last of its own times an odometry counts."""
+
+LEAP_M, LEAP_M_S = 3.0, 10.0
+"""An odometry that moves by more than this, and faster, from one row to the next has jumped."""
 
 FIXED_M, FIXED_RAD = 0.5, 0.2
 """CARMEN's two poses of a scan that never differ by more than this, but for a constant, are one
@@ -95,7 +99,7 @@ class Scans:
     scale: float  # m
     angles: tuple[float, float]  # of the first ray, and from one ray to the next, rad
     reach: float  # m; at this range and beyond nothing was seen
-    mount: Pose2 = (0.0, 0.0, 0.0)
+    mount: Pose2 = STOOD
 
     def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
         """See `Readings`."""
@@ -274,6 +278,8 @@ def _npz(path: Path, reach: float | None) -> Log:
         fields["t"].astype(float), fields["odometry"].astype(float), reference.astype(float)
     )
     kept = table.clean(path)
+    if len(kept) > 1 and not np.ptp(table.odometry, axis=0).any():
+        raise LogError("holds no odometry: all poses are the same", path)
     scale, ranges = float(fields.get("scale", 1.0)), fields["ranges"][kept]
     real = bool(fields.get("real_odometry", True))
     angles = float(fields["angle_min"]), float(fields["angle_step"])
@@ -297,7 +303,7 @@ class _Table:
         if not numbers.any():
             raise LogError("holds no odometry: no scan has a time and a pose", path)
         finite = np.flatnonzero(numbers)
-        kept, times, notes = _in_order(self.times[finite])
+        kept, times, notes = _in_order(self.times[finite], path)
         if len(finite) < len(numbers):
             left = len(numbers) - len(finite)
             notes = (f"{left} of {len(numbers)} rows have no number for time or odometry", *notes)
@@ -305,6 +311,9 @@ class _Table:
         self.times, self.odometry = times, self.odometry[found]
         self.reference = self.reference[found].copy()
         self.reference[~_near(self.reference)] = np.nan
+        far = np.hypot(*np.diff(self.odometry[:, :2], axis=0).T)
+        if jumps := np.count_nonzero((far > LEAP_M) & (far > LEAP_M_S * np.diff(times))):
+            notes = (*notes, f"the odometry jumps {jumps} times, by up to {far.max():.1f} m")
         self.notes += notes
         return found
 
@@ -315,8 +324,11 @@ def _near(poses: Floats) -> NDArray[np.bool_]:
         return np.asarray(np.abs(poses).max(axis=1) < FARTHEST)
 
 
-def _in_order(times: Floats) -> tuple[Indices, Floats, tuple[str, ...]]:
-    """The rows whose times increase, these times from 0, and notes of what was done."""
+def _in_order(times: Floats, path: Path) -> tuple[Indices, Floats, tuple[str, ...]]:
+    """The rows whose times increase, these times from 0, and notes of what was done.
+
+    Raises LogError if the clock jumps at more than half of the rows.
+    """
     kept: list[int] = []
     found: list[float] = []
     late = jumps = 0
@@ -335,6 +347,9 @@ def _in_order(times: Floats) -> tuple[Indices, Floats, tuple[str, ...]]:
             t = newest + STEP_S
         kept.append(row)
         found.append(t)
+    if jumps > len(times) / 2:
+        jumping = f"the clock jumps at {jumps} of {len(times)} rows"
+        raise LogError(f"holds no usable times: {jumping}; expected increasing times in s", path)
     notes = []
     if late:
         notes.append(f"{late} of {len(times)} rows are not later than the row before them")
@@ -352,12 +367,21 @@ def _scanned(
     *,
     real: bool,
     reach: float | None,
-    mount: Pose2 = (0.0, 0.0, 0.0),
+    mount: Pose2 = STOOD,
 ) -> Log:
     """A log whose rows are scans. Raises LogError if no scan can be made of them."""
+    first, step = angles
+    if abs(first) > tau or abs(step) * ranges.shape[1] > 2 * tau:
+        rays = f"{ranges.shape[1]} rays from {first:g} on, each {step:g} from the one before"
+        raise LogError(f"no scans: {rays}; expected rad", path)
     readings = Scans(ranges, scale, angles, reach or _reach(ranges, scale), mount)
+    with np.errstate(invalid="ignore", over="ignore"):
+        seen = (ranges * scale >= LEAST_M) & (ranges * scale < readings.reach)
+    if not seen.any():
+        least = f"no range is from {LEAST_M:g} to {readings.reach:g} m"
+        raise LogError(f"no scans: {least}; expected ranges times scale in m", path)
     try:
-        readings.message(0, Cycle(0, 0), (0.0, 0.0, 0.0), 0)
+        readings.message(0, Cycle(0, 0), STOOD, 0)
     except ValueError as error:
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
@@ -391,13 +415,26 @@ class _Line:
     laser: Pose2
     robot: Pose2
 
+    def __post_init__(self) -> None:
+        _check(self.t, self.laser, self.robot)
+
+
+def _check(t: float, *poses: Pose2) -> None:
+    """Raises ValueError if a time or a pose is no number, or far from any place.
+
+    A single such pose would make a log of one path look like a log of two.
+    """
+    if not isfinite(t) or not _near(np.array(poses)).all():
+        raise ValueError("no numbers")
+
 
 def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
     notes: list[str] = []
     scans, odometry, broken, offset = _lines(path, notes)
     if not scans:
         known = "an .npz file, a recording (.mcap) or a CARMEN log with FLASER or ROBOTLASER1"
-        raise LogError(f"holds no scans; expected {known}", path)
+        unread = f" ({broken} lines could not be read)" if broken else ""
+        raise LogError(f"holds no scans{unread}; expected {known}", path)
     if broken:
         notes.append(f"{broken} lines could not be read")
     (count, angles), _ = Counter((len(one.ranges), one.angles) for one in scans).most_common(1)[0]
@@ -414,6 +451,14 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
             raise LogError("holds no odometry: all poses are the same", path)
         robot = robot if len(robot) else laser
         laser = laser if moves else robot
+        held = _near(robot)
+        if not held.any():
+            raise LogError("holds no odometry: no ODOM line is of the time of a scan", path)
+        if not held.all():
+            left = len(held) - int(held.sum())
+            notes.append(f"{left} of {len(held)} scans are earlier or later than all ODOM lines")
+            same = [same[row] for row in np.flatnonzero(held)]
+            times, laser, robot = times[held], laser[held], robot[held]
     mounts = np.array(
         [relative(a, b) for a, b in zip(map(_pose, robot), map(_pose, laser), strict=True)]
     )
@@ -429,7 +474,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
     if corrected and one_pose:
         reference = robot
     elif corrected:
-        back = relative(mount, (0.0, 0.0, 0.0))
+        back = relative(mount, STOOD)
         reference = np.array([compose(at, back) for at in map(_pose, laser)])
     table = _Table(times, robot, reference, tuple(notes))
     kept = table.clean(path)
@@ -445,13 +490,18 @@ def _pose(values: Iterable[float]) -> Pose2:
 
 
 def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Floats:
-    """The odometry at the times of the scans, (n, 3), or (0, 3) if it never changes."""
+    """The odometry at the times of the scans, (n, 3), or (0, 3) if it never changes.
+
+    NaN at times that are not its own: another clock's, or after one that was set back.
+    """
     ordered = sorted(odometry)
     if len({pose for _, pose in ordered}) < 2:
         return np.zeros((0, 3))
     at, poses = np.array([t for t, _ in ordered]), np.array([pose for _, pose in ordered])
     poses[:, 2] = np.unwrap(poses[:, 2])
-    return np.column_stack([np.interp(times, at, poses[:, axis]) for axis in range(3)])
+    found = np.column_stack([np.interp(times, at, poses[:, axis]) for axis in range(3)])
+    found[(times < at[0] - STEP_S) | (times > at[-1] + STEP_S)] = np.nan
+    return found
 
 
 def _lines(
@@ -469,7 +519,9 @@ def _lines(
                 case "ROBOTLASER1":
                     scans.append(_robotlaser(words))
                 case "ODOM":
-                    odometry.append((float(words[7]), _pose(map(float, words[1:4]))))
+                    t, pose = float(words[7]), _pose(map(float, words[1:4]))
+                    _check(t, pose)
+                    odometry.append((t, pose))
                 case "PARAM" if words[1] in {"robot_frontlaser_offset", "robot_front_laser_offset"}:
                     offset = float(words[2])
         except (ValueError, IndexError):

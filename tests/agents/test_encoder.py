@@ -404,13 +404,33 @@ def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
     assert sum(isinstance(message, Origin) for message in robot.said) == 2
 
 
+@pytest.mark.parametrize("x", [0.1, 5.0])
+def test_an_encoder_agent_that_restarts_remembers_a_loss_or_a_leap_of_just_now(x: float) -> None:
+    """Both were forgotten for up to a second: the localization agent then began at a wrong pose."""
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (0.0, 0.0, 0.0))
+    robot.at(0.0, 0.0, 0.0)
+    if x > LEAP_M:
+        correct(robot, (x, 0.0, 0.0))
+    else:
+        correct(robot, (0.0, 0.0, 0.0), confidence=0.0, covariance=(2.0, 0, 0, 2.0, 0, 1.0))
+    before = robot.at(0.0, 0.0, 0.0)
+    robot.restart_encoder()
+    after = robot.at(0.0, 0.0, 0.0)
+    assert pose(after) == pytest.approx(pose(before))
+    assert after.covariance == pytest.approx(before.covariance)
+
+
 def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
     robot = Robot(1.0, 2.0)
     robot.at(0.5, 0.0, 0.0)
     wrong = Correction(Cycle(1, 2), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
+    correct(robot, (1.0, 2.0, 0.0))
     robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
     pose = robot.at(0.5, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.0, pi / 2))
+    assert not pose.covariance, "of the pose before"
     robot.encoder.receive(wrong, robot.now)  # it was under way already
     pose = robot.at(0.6, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.1, pi / 2))

@@ -51,14 +51,18 @@ from armadico.core.messages import (
     Correction,
     Cycle,
     Echo,
+    InitialPose,
     Log,
     Message,
     Particles,
     Pose,
     RobotState,
     Sonar,
+    checked,
 )
 from armadico.core.particles import MOST, poses_of
+from armadico.core.scans import message_of
+from tests.observe import made_logs
 
 RING = load_profile("pioneer-2dx").sonar
 WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
@@ -314,6 +318,27 @@ def test_they_go_round_an_arc_as_the_odometry_does(cycles: int) -> None:
         pose = compose(pose, motion)
         particles.move(motion)
     assert off(pose, particles.estimate()) == pytest.approx((0.0, 0.0), abs=1e-4)
+
+
+def test_an_arc_whose_turn_was_counted_wrong_is_bent_as_a_whole() -> None:
+    """1.55 m along a circle of 1 m by the odometry; it turned by a tenth more."""
+    exact = Odometry(alpha1=0.0, alpha2=0.0, alpha3=0.0)
+    particles = MonteCarlo(MODEL, free(), np.random.default_rng(1), Settings(least=10), exact)
+    particles.start_at((0.0, 0.0, 0.0), 1e-9, 1e-9)
+    particles.wheels[:, 1] = 0.1
+    for _ in range(31):
+        particles.move((sin(0.05), 1.0 - cos(0.05), 0.05))
+    end = sin(1.1 * 1.55) / 1.1, (1.0 - cos(1.1 * 1.55)) / 1.1, 1.1 * 1.55
+    assert off(end, particles.estimate()) == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_what_is_learnt_of_the_wheels_is_the_error_that_they_have() -> None:
+    """Odometry that turns to the left by itself: 0.06 rad/m less is true."""
+    odometry = Odometry(alpha1=0.0, alpha2=0.1, alpha3=0.0)
+    particles = MonteCarlo(MODEL, free(), np.random.default_rng(1), odometry=odometry)
+    particles.start_at(START, 0.05, 0.03)
+    follow(particles, START, 250, drift=0.06)
+    assert particles.learnt == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
 
 
 def test_they_find_a_robot_of_which_nothing_is_known() -> None:
@@ -793,6 +818,34 @@ def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
     assert sum(a.elsewhere < b.elsewhere for a, b in pairwise(published)) == 2
 
 
+@pytest.mark.parametrize("goes_along", [True, False])
+def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
+    world: str, monkeypatch: pytest.MonkeyPatch, goes_along: bool
+) -> None:
+    """A place that stays where it is while the robot drives is another one in each search."""
+    robot = doubting(world, monkeypatch, None, confirm=LASER)
+    origin = (1.0, 1.5, 2.0)
+
+    def alternative(*_: object) -> Alternative:
+        place = compose(origin, robot.odometry) if goes_along else origin
+        return replace(other(3.0, 0.75), pose=place)
+
+    monkeypatch.setattr(Search, "alternative", alternative)
+    assert lost_in(carried(robot, 130, (0.04, 0.0, 0.06))) == goes_along
+
+
+def test_verdicts_of_before_the_robot_was_found_do_not_count(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clear = other(SURE, 0.9)
+    robot = doubting(world, monkeypatch, clear, clear, clear, None, confirm=LASER)
+    published: list[Correction] = []
+    while not lost_in(published):
+        published = carried(robot, 1, (0.02, 0.0, 0.0))
+    robot.agent.receive(InitialPose(*START), robot.begun + 0.1 * robot.number)
+    assert not lost_in(carried(robot, 80, (0.02, 0.0, 0.0)))
+
+
 @pytest.mark.parametrize(("fit", "lost"), [(0.9, True), (0.7, False)])
 def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     world: str, monkeypatch: pytest.MonkeyPatch, fit: float, lost: bool
@@ -902,9 +955,11 @@ def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_i
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 150):
         robot.at(pose, motion, pose)
+    robot.agent._search = robot.agent._filter.search()  # under way
     robot.restart((0.0, 0.0, 0.0), anew=True)
     robot.at(pose, (0.0, 0.0, 0.0), pose)
     assert len(robot.agent._filter.history) <= 1
+    assert robot.agent._search is None
 
 
 def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str) -> None:
@@ -930,6 +985,53 @@ def test_without_walls_there_is_nothing_to_know_it_by() -> None:
     robot = Robot(Parameters(world="empty"))
     for pose, motion in drive(START, 20):
         assert robot.at(pose, motion, pose) == []
+
+
+@pytest.mark.parametrize("far", [(1e6, 1e6, 0.0), (1.0, 1.0, 0.0)])
+def test_what_is_published_can_be_sent_however_far_off_the_odometry_is(
+    world: str, far: Pose2
+) -> None:
+    """What cannot be sent is dropped: the encoder agent would go on as if nothing had happened."""
+    robot = Robot(Parameters(world=world))
+    wide = (1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
+    robot.at(START, (0.0, 0.0, 0.0), far, wide if far[0] < 2.0 else ())
+    for pose, motion in drive(START, 20):
+        robot.at(pose, motion, pose)
+    robot.at(pose, (1e5, 1e5, 0.0), pose)
+    corrections = [checked(said) for said in robot.said if isinstance(said, Correction)]
+    assert len(corrections) == (22 if far[0] < 2.0 else 21)
+
+
+# A laser ------------------------------------------------------------------------------------------
+
+
+def test_a_laser_may_sit_and_look_anywhere_and_a_scan_that_is_repeated_counts_once(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "laser.map"
+    walls = "\n".join(" ".join(f"{1000 * v:.0f}" for v in wall) for wall in made_logs.walls())
+    path.write_text(MAP.replace("6000 4000", "9500 6000") + walls + "\n")
+    parameters = Parameters(world=str(path), profile="jackal")
+    agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
+    agent.start(0.0)
+    mount, poses = (0.3, -0.1, -0.6), made_logs.driven()
+    for number, pose in enumerate(poses[:80]):
+        seen = made_logs.ranges(compose(pose, mount))
+        for again, share in ((0, 0.5), (1, 1.0)):  # the robot drives on meanwhile
+            cycle = Cycle(1, 2 * number + again + 1)
+            step = relative(pose, poses[number + 1])
+            x, y, theta = at = compose(pose, (share * step[0], share * step[1], share * step[2]))
+            taken = relative(at, pose)
+            limits, angles = (0.05, 20.0), (-pi / 2, pi / made_logs.RAYS)
+            scan = message_of(cycle, seen, angles, limits, mount, since=taken, number=number)
+            state = RobotState(cycle, x, y, theta, 0.0, 0.0, 12.0, True, False)
+            for message in (state, Pose(cycle, *at), scan):
+                agent.receive(message, 0.1 * cycle.number)
+            assert agent._filter.due == bool(again), "nothing was weighed since it moved"
+    said = [item.message for item in agent.outbox if isinstance(item, Publish)]
+    last = [one for one in said if isinstance(one, Correction)][-1]
+    assert hypot(last.x, last.y) < 0.05  # the odometry is exact
+    assert last.confidence > 0.9
 
 
 # What is kept of a map ----------------------------------------------------------------------------

@@ -83,6 +83,7 @@ def test_a_parameter_is_set(log: Path, capsys: pytest.CaptureFixture[str]) -> No
         ["{log}", "--world", "sc4", "--map-from", "all"],
         ["{log}", "--save-map", "map.png"],
         ["{log}", "--world", "nowhere.map"],
+        ["{log}", "--world", "sc4", "--start", "99", "0", "0"],
         ["{log}", "--profile", "nothing", "--world", "sc4", "--noise", "0"],
         ["{log}", "--agent", "goto", "--world", "sc4", "--noise", "0"],
     ],

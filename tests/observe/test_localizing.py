@@ -17,7 +17,7 @@ from armadico.config.grid_map import FREE, OCCUPIED
 from armadico.config.profile import load_profile
 from armadico.core.geometry import Pose2
 from armadico.observe import localizing, logs
-from armadico.observe.localizing import Chosen, Event, Moment, Track, localized, summary
+from armadico.observe.localizing import Chosen, Event, Moment, Run, Track, summary
 from armadico.observe.logs import Log, LogError
 from tests.observe import made_logs
 
@@ -72,7 +72,7 @@ def test_parts_of_a_log(log: Log) -> None:
 def test_the_estimate_follows_the_reference_where_odometry_alone_does_not(
     log: Log, world: str
 ) -> None:
-    found = summary(localized(log, chosen(log, world), ticking()))
+    found = summary(Run(log, chosen(log, world), ticking()).go())
     assert found.compared == found.scans == len(log)
     assert found.error_median_m is not None
     assert found.odometry_most_m is not None
@@ -83,16 +83,32 @@ def test_the_estimate_follows_the_reference_where_odometry_alone_does_not(
     assert found.scan_median_ms > 0.0
 
 
+def test_the_reference_is_of_the_moment_of_the_estimate(world: str, tmp_path: Path) -> None:
+    """Readings come between two cycles: the robot moves on until the next one."""
+    t = 0.45 * np.arange(127)
+    exact = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
+    for one in Run(exact, chosen(exact, world), float).go().moments[::9]:
+        assert one.reference is not None
+        assert one.reference[:2] == pytest.approx(one.alone[:2], abs=1e-6)
+
+
+def test_of_several_readings_in_a_cycle_the_newest_counts(world: str, tmp_path: Path) -> None:
+    fast = logs.read(made_logs.npz(tmp_path / "a.npz", t=0.03 * np.arange(127)))
+    moments = Run(fast, chosen(fast, world), float).go().moments
+    assert moments[-1].reading == 126
+    assert len(moments) < 127 / 3 + 2
+
+
 def test_one_seed_is_one_result(log: Log, world: str) -> None:
     few = chosen(log, world, readings=range(60))
-    first, same = (localized(log, few, float).moments for _ in range(2))
-    other = localized(log, chosen(log, world, readings=range(60), seed=2), float).moments
+    first, same = (Run(log, few, float).go().moments for _ in range(2))
+    other = Run(log, chosen(log, world, readings=range(60), seed=2), float).go().moments
     assert first == same
     assert [one.estimate for one in first] != [one.estimate for one in other]
 
 
 def test_an_unknown_start_is_found_and_not_reported_as_known_before(log: Log, world: str) -> None:
-    track = localized(log, chosen(log, world, anywhere=True), float)
+    track = Run(log, chosen(log, world, anywhere=True), float).go()
     found = summary(track)
     assert track.moments[0].lost
     assert found.found_s is not None
@@ -104,25 +120,25 @@ def test_an_unknown_start_is_found_and_not_reported_as_known_before(log: Log, wo
 def test_a_start_that_is_given_counts(log: Log, world: str) -> None:
     x, y, theta = log.where(0) or (nan,) * 3
     to = chosen(log, world, start=(x + 0.1, y, theta), readings=range(10))
-    assert localized(log, to, float).moments[0].alone == pytest.approx((x + 0.1, y, theta), abs=0.2)
+    assert Run(log, to, float).go().moments[0].alone == pytest.approx((x + 0.1, y, theta), abs=0.2)
 
 
 def test_a_map_of_another_place_is_reported(log: Log) -> None:
-    found = summary(localized(log, chosen(log, "rooms-a"), float))
+    found = summary(Run(log, chosen(log, "rooms-a"), float).go())
     assert found.lost_share + (found.wrong_sure_share or 0.0) > 0.5
     assert found.lost_share > 0.2
 
 
 def test_what_cannot_be_gone_through_is_refused(log: Log, world: str, tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no readings"):
-        localized(log, chosen(log, world, readings=[]), float)
+        Run(log, chosen(log, world, readings=[]), float).go()
     with pytest.raises(ConfigError, match="unknown key nonsense"):
-        localized(log, chosen(log, world, sets=("nonsense=1",)), float)
+        Run(log, chosen(log, world, sets=("nonsense=1",)), float).go()
     with pytest.raises(LogError, match="no correction"):
-        summary(localized(log, chosen(log, "empty", readings=range(5)), float))
+        summary(Run(log, chosen(log, "empty", readings=range(5)), float).go())
     blind = logs.read(made_logs.npz(tmp_path / "a.npz", reference=None))
     with pytest.raises(LogError, match="name the start"):
-        localized(blind, chosen(blind, world), float)
+        Run(blind, chosen(blind, world), float).go()
     with pytest.raises(LogError, match="name a map"):
         localizing.mapped(blind, "all", load_profile(ROBOT))
 
@@ -132,7 +148,7 @@ def test_without_a_reference_there_are_no_errors_and_the_rest_is_there(
 ) -> None:
     blind = logs.read(made_logs.npz(tmp_path / "a.npz", reference=None))
     start = made_logs.driven()[0]
-    found = summary(localized(blind, chosen(blind, world, start=start), float))
+    found = summary(Run(blind, chosen(blind, world, start=start), float).go())
     assert found.compared == 0
     assert found.error_median_m is None
     assert found.off_share is None
@@ -206,7 +222,7 @@ def test_a_log_of_a_real_robot(tmp_path: Path) -> None:
     assert len(log) == 241
     path = tmp_path / "map.yaml"
     grid_map.save(localizing.mapped(log, "all", load_profile(ROBOT)), path)
-    found = summary(localized(log, chosen(log, str(path)), float))
+    found = summary(Run(log, chosen(log, str(path)), float).go())
     assert found.error_median_m is not None
     assert found.error_median_m < 0.1
     assert found.wrong_sure_share == 0.0

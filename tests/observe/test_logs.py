@@ -71,6 +71,12 @@ def test_odometry_is_interpolated_between_rows(tmp_path: Path) -> None:
         ({"odometry": np.full((127, 3), np.nan)}, "no odometry"),
         ({"t": np.full(127, np.nan)}, "no odometry"),
         ({"angle_step": 0.0}, "no scans"),
+        ({"angle_min": -90.0}, "expected rad"),
+        ({"angle_step": 1.0}, "expected rad"),
+        ({"scale": None}, "no range is from 0.05 to 50 m"),  # they are cm
+        ({"scale": -0.01}, "expected ranges times scale in m"),
+        ({"t": 400.0 * np.arange(127)}, "the clock jumps at 126 of 127 rows"),  # it is ms
+        ({"odometry": np.ones((127, 3))}, "no odometry: all poses are the same"),
     ],
 )
 def test_an_npz_that_is_no_log_is_refused(
@@ -133,6 +139,13 @@ def test_rows_out_of_order_are_left_out(tmp_path: Path) -> None:
     assert (np.diff(log.times) > 0).all()
     assert log.times[-1] == pytest.approx(t[-1])
     assert log.notes[0].startswith("2 of 127")
+
+
+def test_an_odometry_that_jumps_is_reported(tmp_path: Path) -> None:
+    path = np.array(made_logs.driven())
+    path[60:] -= path[60]
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path))
+    assert log.notes == ("the odometry jumps 1 times, by up to 8.1 m",)
 
 
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])
@@ -219,6 +232,18 @@ def test_one_pose_of_a_carmen_log_is_odometry_unless_it_is_said_to_be_corrected(
         assert corrected.where(9) == pytest.approx(poses[9], abs=1e-5)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_one_pose_that_is_no_number_does_not_make_a_log_of_one_path_one_of_two(
+    tmp_path: Path, value: float
+) -> None:
+    poses = made_logs.driven()
+    poses[7] = (value, 0.0, 0.0)
+    log = logs.read(carmen(tmp_path / "a.log", lines(poses, poses)))
+    assert len(log) == 126
+    assert not log.known.any()
+    assert log.notes == ("1 lines could not be read",)
+
+
 def test_robotlaser_lines_bring_their_own_angles(tmp_path: Path) -> None:
     made = []
     for k, pose in enumerate(made_logs.driven()):
@@ -263,8 +288,15 @@ def test_odometry_lines_count_where_scans_have_no_pose(tmp_path: Path) -> None:
         f"ODOM {x} {y} {theta} 0 0 0 {made_logs.STEP_S * k} host {made_logs.STEP_S * k}"
         for k, (x, y, theta) in enumerate(poses)
     ]
-    log = logs.read(carmen(tmp_path / "b.log", [*lines(still, still), *beside]))
+    log = logs.read(carmen(tmp_path / "b.log", [*lines(still, still), "ODOM nan " * 8, *beside]))
     assert log.odometry[50, :2] == pytest.approx(poses[50][:2], abs=1e-5)
+    assert log.notes == ("1 lines could not be read",)
+    half = logs.read(carmen(tmp_path / "c.log", [*lines(still, still), *beside[:60]]))
+    assert len(half) == 62  # two within a second of the last
+    assert half.notes == ("65 of 127 scans are earlier or later than all ODOM lines",)
+    later = [f"ODOM {k} 0 0 0 0 0 {5000 + k} host 0" for k in range(9)]
+    with pytest.raises(LogError, match="no ODOM line is of the time"):
+        logs.read(carmen(tmp_path / "d.log", [*lines(still, still), *later]))
 
 
 def test_a_laser_that_moves_is_the_path_where_the_robot_has_no_pose(tmp_path: Path) -> None:

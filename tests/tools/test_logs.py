@@ -65,7 +65,7 @@ def test_a_folder_of_logs_makes_a_table_and_nothing_is_gone_through_twice(
     def never(_: object) -> None:
         raise AssertionError("gone through again")
 
-    monkeypatch.setattr(localizing, "localized", never)
+    monkeypatch.setattr(localizing.Run, "go", never)
     again = Context(out=out, runs=1, first_seed=1, source="here", logs=folder)
     experiment.run(again)
     assert (out / "table.md").read_text(encoding="utf-8") == text

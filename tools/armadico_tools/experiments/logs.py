@@ -233,7 +233,7 @@ def _gone(task: Task) -> Summary:
     chosen = Chosen(path, PROFILE, readings, AGENT, seed=task.seed)
     if task.place >= 0:
         chosen = replace(chosen, readings=_from(log, readings, task.place), anywhere=True)
-    return localizing.summary(localizing.localized(log, chosen, time.process_time))
+    return localizing.summary(localizing.Run(log, chosen, time.process_time).go())
 
 
 def _from(log: Log, readings: Sequence[int], place: int) -> list[int]:
