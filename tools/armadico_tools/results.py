@@ -1,6 +1,6 @@
 """The one store of results: rows of a CSV file, each written as soon as it is known.
 
-Experiments, faults, trials and mutants are interrupted and go on where they were: what is there is
+Experiments, faults and trials are interrupted and go on where they were: what is there is
 read again, by the kind of its rows. A line that was cut off does not count.
 """
 
