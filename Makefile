@@ -8,7 +8,7 @@ COMPILE = $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 4
 
-.PHONY: run next tools test mutants lint docs compiled demo demo-down lock clean
+.PHONY: run next tools test mutants lint docs demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -64,13 +64,6 @@ docs: $(VENV)/.dev  ## the documentation as a site: build/site/index.html, from 
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "file://$(abspath build/site/index.html)"
 
-compiled:  ## a second environment, .venv-compiled, where what agents stand on is compiled
-	@$(MAKE) --no-print-directory VENV=.venv-compiled .venv-compiled/.compiled
-
-.venv-compiled/.compiled: .venv-compiled/.dev setup.py pyproject.toml $(shell find armadico agents bridge configs tools -type f -not -name '*.pyc')
-	ARMADICO_COMPILE=1 $(PIP) install --quiet --no-deps --no-build-isolation --force-reinstall .
-	@touch $@
-
 demo: $(VENV)/.tools  ## four hosts as containers, one of them lost in the middle of a run
 	$(BIN)/python -m armadico_tools.hosts.compose $(SCENARIO)
 
@@ -85,4 +78,4 @@ lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in
 
 clean:
-	rm -rf $(VENV) .venv-compiled build dist *.egg-info runs
+	rm -rf $(VENV) build dist *.egg-info runs

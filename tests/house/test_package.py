@@ -27,7 +27,7 @@ from tests.house.tree import (
 )
 
 LEAST = ("pyproject.toml", "README.md", "LICENSE")
-TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in", "setup.py")
+TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in")
 BESIDES = ("docs", "requirements", "tests", "deploy")
 """Of no package, and in the source distribution all the same."""
 
