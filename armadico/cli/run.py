@@ -129,7 +129,6 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico run",
         "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
@@ -302,7 +301,6 @@ def _run_on(
 
 
 def _own(args: argparse.Namespace, path: Path, seed: int) -> Path:
-    """Each run's file."""
     return path if args.runs is None else path.with_stem(f"{path.stem}-{seed}")
 
 

@@ -83,7 +83,6 @@ class Memory:
         return cast("L | None", self._known.get(kind))
 
     def all(self) -> list[Latched]:
-        """All that is known."""
         return list(self._known.values())
 
     def hear(self, message: Latched, now: float) -> bool:

@@ -23,7 +23,6 @@ def add_jobs(made: argparse.ArgumentParser) -> None:
 
 
 def add_out(made: argparse.ArgumentParser, folder: str, what: str) -> None:
-    """Where results are kept."""
     made.add_argument(
         "--out",
         type=Path,

@@ -52,7 +52,6 @@ class Rows(Generic[R]):
         return found
 
     def add(self, *rows: R) -> None:
-        """Keep rows, now."""
         with self._alone():
             if not self.path.is_file():
                 write_csv(self.path, self._kind.__struct_fields__, ())

@@ -52,7 +52,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico faults",
         "The whole society drives shipped scenarios on the virtual mesh while faults befall it,"

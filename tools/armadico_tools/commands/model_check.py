@@ -47,7 +47,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico model-check",
         "Goes through every run of real contenders and a real owner in which at most so many things"
