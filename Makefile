@@ -8,7 +8,7 @@ COMPILE = $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 4
 
-.PHONY: run next tools test mutants lint docs compiled demo demo-down lock clean
+.PHONY: run next tools test mutants lint docs demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -45,9 +45,15 @@ test: $(VENV)/.dev  ## set up and run the tests
 	@$(BIN)/python -m tests.real_ros
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-mutants: $(VENV)/.dev  ## change what decides in one place at a time: the tests must notice
+mutants: $(VENV)/.dev results/mutants.sqlite  ## change what decides in one place at a time, for hours: tests must notice
+	$(BIN)/cosmic-ray exec tools/cosmic-ray.toml results/mutants.sqlite
+	$(BIN)/cr-report --surviving-only results/mutants.sqlite
+
+results/mutants.sqlite: | $(VENV)/.dev
 	$(PIP) install --quiet cosmic-ray==8.7.0
-	$(BIN)/python -m armadico_tools.mutants
+	mkdir -p results
+	$(BIN)/cosmic-ray init tools/cosmic-ray.toml $@
+	$(BIN)/cr-filter-operators $@ tools/cosmic-ray.toml
 
 lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff check .
@@ -57,13 +63,6 @@ lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 docs: $(VENV)/.dev  ## the documentation as a site: build/site/index.html, from the disk too
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "file://$(abspath build/site/index.html)"
-
-compiled:  ## a second environment, .venv-compiled, where what agents stand on is compiled
-	@$(MAKE) --no-print-directory VENV=.venv-compiled .venv-compiled/.compiled
-
-.venv-compiled/.compiled: .venv-compiled/.dev setup.py pyproject.toml $(shell find armadico agents bridge configs tools -type f -not -name '*.pyc')
-	ARMADICO_COMPILE=1 $(PIP) install --quiet --no-deps --no-build-isolation --force-reinstall .
-	@touch $@
 
 demo: $(VENV)/.tools  ## four hosts as containers, one of them lost in the middle of a run
 	$(BIN)/python -m armadico_tools.hosts.compose $(SCENARIO)
@@ -79,4 +78,4 @@ lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in
 
 clean:
-	rm -rf $(VENV) .venv-compiled build dist *.egg-info runs
+	rm -rf $(VENV) build dist *.egg-info runs

@@ -221,5 +221,4 @@ class Assistant(Agent):
 
 
 def _by(request: AssistantRequest) -> str:
-    """Who asks, for people."""
     return line(f"{BY}: {request.by or 'a program'}")[:LONGEST_BY]

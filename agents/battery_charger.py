@@ -157,7 +157,6 @@ class BatteryCharger(Agent):
             self.log(f"{self._note}: nobody will charge the robot", WARNING)
 
     def on_battery_level(self, level: BatteryLevel) -> None:  # noqa: ARG002
-        """The battery sensor lives."""
         self._level_at, self._dead = self.now, False
 
     def on_battery_alarm(self, alarm: BatteryAlarm) -> None:

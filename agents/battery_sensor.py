@@ -56,7 +56,6 @@ class BatterySensor(Agent):
         self._alarmed = inf  # tenths of a volt
 
     def on_robot_state(self, state: RobotState) -> None:
-        """One more reading."""
         dt = 0.0 if self._felt_at is None else min(self.now - self._felt_at, LONGEST_S)
         self._felt_at = self.now
         if self._read_at is None:

@@ -289,7 +289,6 @@ class Interface(Agent):
         self.ask(MissionProposal(order), answered)
 
     def on_mission_cancel(self, question: Question) -> None:
-        """Have one left be."""
         cancel = question.request
         assert isinstance(cancel, MissionCancel)
 

@@ -193,7 +193,6 @@ class MissionPlanning(Agent):
         return MissionReply(number)
 
     def on_mission_withdrawal(self, question: Question) -> MissionReply:
-        """Cancel one, or all."""
         request = question.request
         assert isinstance(request, MissionWithdrawal)
         number = request.cancel.mission
@@ -213,7 +212,6 @@ class MissionPlanning(Agent):
     # What it hears --------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Begin to look."""
         self._looked_at = self.now
         self.wake_at(self.now + self.p.look_s)
 
@@ -245,11 +243,9 @@ class MissionPlanning(Agent):
         self._errand.pose(pose)
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        """Which way is driven."""
         self._errand.trajectory(trajectory)
 
     def on_planned(self, planned: Planned) -> None:
-        """A plan, of whomever."""
         self._errand.planned(planned)
 
     def on_mission_status(self, status: MissionStatus) -> None:
@@ -279,7 +275,6 @@ class MissionPlanning(Agent):
             self._reach, self._note = Reach.FAILED, status.note
 
     def on_battery_level(self, level: BatteryLevel) -> None:
-        """The battery."""
         self._battery_at = self.now
         wanted = self._wanted
         if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
@@ -315,7 +310,6 @@ class MissionPlanning(Agent):
         self._changed = True
 
     def on_subplan(self, subplan: Subplan) -> None:
-        """A planner agent's answer."""
         self._coordinator.take(subplan, self.now)
 
     def on_appeared(self, name: str, instance: str) -> None:

@@ -115,7 +115,6 @@ class Teleop(Behaviour):
         self._stick, self._heard_at = stick, self.now
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Say whose hand drives."""
         super().on_robot_state(state)
         self._look()
         hand, at = self._told

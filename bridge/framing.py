@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Generic, TypeVar
 
-from armadico.core.compiled import mypyc_attr
-
 T = TypeVar("T")
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
 class Framing(Generic[T]):
     """Turns a stream of bytes, however it is cut, into its good frames.
 

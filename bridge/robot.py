@@ -197,7 +197,6 @@ class Robot(DeviceAgent):
         self._send()
 
     def on_bytes(self, data: bytes) -> None:
-        """What the controller says."""
         if self._session is not None:
             self._take(self._session.receive(data, self.now))
             self._send()

@@ -33,7 +33,6 @@ class SerialTransport:
 
     @property
     def url(self) -> str:
-        """Address of the port."""
         return f"serial://{self.path}?baud={self.baud}"
 
     def open(self) -> None:
@@ -58,12 +57,10 @@ class SerialTransport:
             return bytes(port.read(max(1, port.in_waiting))) or ended()
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
         with broken(self.path, "check cable and power"):
             self._opened().write(data)
 
     def close(self) -> None:
-        """Close the port."""
         port, self._port = self._port, None
         if port is not None:
             with contextlib.suppress(*LINE_ERRORS):
@@ -90,7 +87,6 @@ class PtyTransport:
 
     @property
     def url(self) -> str:
-        """Address of the terminal."""
         return f"pty://{self.link}"
 
     def open(self) -> None:
@@ -109,7 +105,6 @@ class PtyTransport:
                 raise TransportError(f"cannot make {self.link}: {advice(error)}") from error
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for bytes."""
         with broken(self.path, "open it again"):
             ours = self._opened()
             ready = select.select([ours], [], [], timeout_s)[0]

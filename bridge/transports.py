@@ -60,7 +60,6 @@ class TcpTransport:
 
     @property
     def url(self) -> str:
-        """Address of the server."""
         return f"tcp://{self.host}:{self.port}"
 
     def open(self) -> None:
@@ -75,7 +74,6 @@ class TcpTransport:
         self._socket = line
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for bytes."""
         with broken(self.url, "is the simulator still running?"):
             line = self._opened()
             if not select.select([line], [], [], timeout_s)[0]:
@@ -83,12 +81,10 @@ class TcpTransport:
             return line.recv(CHUNK) or ended()
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
         with broken(self.url, "is the simulator still running?"):
             self._opened().sendall(data)
 
     def close(self) -> None:
-        """Close the connection."""
         line, self._socket = self._socket, None
         if line is not None:
             line.close()
@@ -141,7 +137,6 @@ class MemoryTransport:
                 self._peer._incoming.put(data)
 
     def close(self) -> None:
-        """Close this end."""
         self.is_open = False
 
     def _check(self) -> None:

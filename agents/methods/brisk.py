@@ -50,7 +50,6 @@ class Driver:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last goal."""
         self._turning = False
         self._accel = 0.0
 

@@ -155,7 +155,6 @@ class Controller:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last goal."""
         self._turning = False
         self._parked = False
 
@@ -221,7 +220,6 @@ class Controller:
         return far
 
     def _approach(self, rho: float, alpha: float) -> Speeds:
-        """To the goal's position."""
         s = self.settings
         if self.mode is Mode.FAST:
             return fast(s.fast, s, rho, alpha)

@@ -77,7 +77,6 @@ class PlanDesk:
         self._then = then
 
     def drop(self) -> None:
-        """Want none."""
         self._task = self._then = None
 
     def bid(self, utility: float, *, critical: bool = False) -> Bid | None:
@@ -237,7 +236,6 @@ class Errand:
         self._keep()
 
     def planned(self, planned: Planned) -> None:
-        """A plan was made."""
         self.desk.take(planned)
 
     def status(self, status: MissionStatus) -> None:

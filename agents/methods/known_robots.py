@@ -40,8 +40,6 @@ BRAKES_M_S2: Final = 0.5
 
 
 class KnownRobots:
-    """Where the others are."""
-
     def __init__(self, name: str) -> None:
         """Nobody is known yet; `name` is this robot's own."""
         self._name = name

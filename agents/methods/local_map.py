@@ -96,7 +96,6 @@ class LocalMap(Near):
     """
 
     def __init__(self, settings: MapSettings | None = None, outline: Outline | None = None) -> None:
-        """An empty map."""
         self.settings = settings or MapSettings()
         super().__init__(self.settings, outline)
         self._ring_m = self.settings.reach_m / RINGS

@@ -99,7 +99,6 @@ class Perception(Agent):
         self._robots = KnownRobots(self.p.namespace.rpartition("/")[2])
 
     def on_description(self, said: Description) -> None:
-        """Take the robot's outline."""
         self._seen.outline = Outline(said.front, said.rear, said.half_width)
 
     def on_robot_state(self, state: RobotState) -> None:

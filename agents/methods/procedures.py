@@ -187,7 +187,6 @@ class _Look:
 
     @property
     def results(self) -> tuple[StepResult, ...]:
-        """What came of steps."""
         return self._course.results
 
     @property

@@ -25,7 +25,6 @@ class Leg(Struct, frozen=True):
     leave: str | None
 
     def __str__(self) -> str:
-        """For people."""
         enter = "the start" if self.enter is None else f"door {self.enter}"
         leave = "the goal" if self.leave is None else f"door {self.leave}"
         return f"in room {self.room} from {enter} to {leave}"

@@ -1,7 +1,4 @@
-"""What of the methods a file or ``--set KEY=VALUE`` may change, within the agents' parameters.
-
-A file of its own for the reason that `armadico.core.parameters` is one.
-"""
+"""What of the methods a file or ``--set KEY=VALUE`` may change, within the agents' parameters."""
 
 from __future__ import annotations
 

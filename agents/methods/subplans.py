@@ -62,7 +62,6 @@ class Coordinator:
         self.look(now)
 
     def take(self, subplan: Subplan, now: float) -> None:
-        """An answer."""
         enquiry = self._enquiry
         if enquiry is not None and subplan.id == enquiry.request.id:
             enquiry.answers[subplan.planner] = subplan

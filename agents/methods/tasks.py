@@ -47,8 +47,6 @@ class Move(Task):
     """Has the robot driven to a room, a goal or a dock of the world."""
 
     class Arguments(Task.Arguments, frozen=True):
-        """Where to."""
-
         to: str
 
     arguments: Arguments
@@ -111,17 +109,12 @@ class CheckAlarm(Task):
 
 
 class Wait(Task):
-    """Stands for a while."""
-
     class Arguments(Task.Arguments, frozen=True):
-        """For how long."""
-
         seconds: Seconds
 
     arguments: Arguments
 
     def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:  # noqa: ARG002
-        """Stand still."""
         return Going(Stand()) if progress.elapsed < self.arguments.seconds else Done()
 
 
@@ -136,7 +129,6 @@ class Dock(Task):
     arguments: Arguments
 
     def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
-        """Charge."""
         left = "" if beliefs.battery is None else f" to {beliefs.battery:.0%}"
         return _carried_out(Charge(self.arguments.until), progress, f"charged{left}")
 
@@ -152,5 +144,4 @@ class Explore(Task):
     arguments: Arguments
 
     def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:  # noqa: ARG002
-        """Explore."""
         return _carried_out(tasks.Explore(self.arguments.within), progress, "mapped")

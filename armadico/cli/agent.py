@@ -51,7 +51,6 @@ def _main(arguments: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico-agent",
         "Run an agent. It finds the others, and shares with them whatever it competes for. Several"
@@ -133,7 +132,6 @@ def _serve(args: argparse.Namespace) -> int:
 
 
 def _head() -> Callable[[Agent], bytes]:
-    """What begins a journal."""
     from armadico.observe.journals import head  # noqa: PLC0415 - only who keeps one needs it
 
     return head

@@ -23,14 +23,12 @@ SHELLS: Final = ("bash", "zsh", "fish")
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print the script."""
     args = parser().parse_args(argv)
     print(shtab.complete(everything(), args.shell))
     return 0
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico completion",
         "Print a script that has a shell complete commands, options and their values. It is made"

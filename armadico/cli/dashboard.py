@@ -86,7 +86,6 @@ def zones() -> Zones:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico dashboard",
         "Show a society live: maps, utilities and holders, speeds, agents and what they publish."

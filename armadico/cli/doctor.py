@@ -74,7 +74,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico doctor",
         "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
@@ -87,7 +86,6 @@ def parser() -> argparse.ArgumentParser:
 
 
 def examine(args: argparse.Namespace) -> Iterator[Finding]:
-    """Everything, one after another."""
     yield from versions()
     yield from ports()
     heard = yield from mesh(args)

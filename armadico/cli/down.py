@@ -90,7 +90,6 @@ def _end_orphans(namespace: str) -> list[str]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico down",
         "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"

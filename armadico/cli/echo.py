@@ -31,7 +31,6 @@ _CHUNK: Final = re.compile(r"\*\*|\*|(?:[^*$#?\s]|\$\*)+")
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print messages."""
     args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
@@ -47,7 +46,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico echo",
         "Print messages published on matching keys: * matches one part of a key, ** any number of"

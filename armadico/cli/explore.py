@@ -36,7 +36,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico explore",
         "Drive to one frontier of the map after another until nothing is unknown that can be"

@@ -20,7 +20,6 @@ EXAMPLES = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Read a recording back."""
     args = parser().parse_args(argv)
     if not args.file.is_file():
         raise UsageError(f"{args.file}: no such file")
@@ -39,7 +38,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico export",
         "Turn a recording of `armadico record` into something else. One that was cut short is read"

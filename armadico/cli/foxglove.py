@@ -27,7 +27,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Serve until Ctrl-C."""
     args = parser().parse_args(argv)
     namespaces = options.namespaces(args)
     meshes = options.join_each(args, namespaces)
@@ -61,7 +60,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico foxglove",
         "Serve a society live to Foxglove: maps, pose, path, sensors and who holds what, with ROS"

@@ -47,7 +47,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico get",
         "Show those parameters of agents that may be changed while they are at work: what they are"

@@ -131,7 +131,6 @@ def _starts(client: Client, args: argparse.Namespace) -> bool:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico goto",
         "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"

@@ -22,7 +22,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Draw."""
     args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
@@ -37,7 +36,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico graph",
         "Agents and keys, from the cards of the agents that are alive. A query's edges go from who"

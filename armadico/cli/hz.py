@@ -24,7 +24,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Measure rates."""
     args = parser().parse_args(argv)
     if args.json and args.count is None:
         raise options.UsageError("--json needs -n N: how many messages to measure")
@@ -54,7 +53,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico hz",
         "The rate of messages on each key: over the last 5 s, beside the rate that the"

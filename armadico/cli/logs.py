@@ -31,7 +31,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Show log lines."""
     args = parser().parse_args(argv)
     if args.follow and args.folder is not None:
         raise UsageError("--folder has what was written; -f follows what is published")
@@ -39,7 +38,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico logs",
         "The agents' logs. Log lines are events: nobody keeps them, so -f shows what"

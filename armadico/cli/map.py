@@ -26,7 +26,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Save it."""
     args = parser().parse_args(argv)
     from armadico.config.grid_map import check_suffix  # noqa: PLC0415 - heavy
 
@@ -40,7 +39,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico map",
         "Ask the mapping agent for its map and save it. `armadico explore --resume` goes on with a"

@@ -54,7 +54,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico mcp",
         "Serve a society to one program on standard input and output: where, map, who, why,"

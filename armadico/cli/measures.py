@@ -37,7 +37,6 @@ class Column(NamedTuple):
 
     @property
     def known(self) -> list[float]:
-        """What could be measured."""
         return [value for value in self.values if value is not None]
 
     @property

@@ -55,7 +55,6 @@ LONGEST: Final = 40
 
 
 def main(argv: Sequence[str]) -> int:
-    """Write it."""
     args = parser().parse_args(argv)
     where: Path = args.into / args.name
     written = package(args.name, args.kind)
@@ -72,7 +71,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico new",
         "Write a package of your own into a folder of its name: an agent, its test, and what makes"

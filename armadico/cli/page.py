@@ -39,7 +39,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Serve until Ctrl-C."""
     args = parser().parse_args(argv)
     namespaces = options.namespaces(args)
     if not 0 <= args.port < 65536:
@@ -96,7 +95,6 @@ def missions() -> dict[str, Shipped]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico page",
         "Serve a page from which the robot is watched and sent: a map to click on, stop and resume,"

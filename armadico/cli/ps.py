@@ -60,7 +60,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico ps",
         "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"

@@ -41,7 +41,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Record until Ctrl-C."""
     args = parser().parse_args(argv)
     _check(args)
     namespaces = options.namespaces(args)
@@ -128,7 +127,6 @@ def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico record",
         "Keep every message of one or more robots in an MCAP file, with who was there, their cards"

@@ -46,7 +46,6 @@ def read(line: str) -> Heard | Presence | None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Watch until interrupted."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     return options.guarded("watch", lambda: _main(arguments))
 

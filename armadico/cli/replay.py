@@ -71,7 +71,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico replay",
         "Build the agents of a recording anew, let everything that entered them enter them again,"

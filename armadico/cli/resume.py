@@ -23,7 +23,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = latch.parser(
         "armadico resume", "Release the stop, and let the agents drive again.", EXAMPLES
     )

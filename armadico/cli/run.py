@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options, progress
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.run_options import POSE, add_options, check_watched, choose
+from armadico.cli.run_options import POSE, add_options, choose
 from armadico.config.errors import ConfigError
 from armadico.runtime.errors import SocietyError
 
@@ -52,7 +52,6 @@ EXAMPLES: Final = """\
   armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
   armadico run --world house --start 1 1.5 0 --for 600 --page    sent by clicks on a map
-  armadico run my.toml --virtual --watch       again whenever a file changes: what moved
   armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
   armadico run fleet --attach --namespace lab  robots that are up, lab/r1, lab/r2, ..., are given it
 """
@@ -61,11 +60,6 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
-    if args.watch:
-        check_watched(args)
-        from armadico.cli import watch  # noqa: PLC0415 - not for --help
-
-        return watch.main([word for word in argv if word != "--watch"])
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
@@ -129,7 +123,6 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico run",
         "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
@@ -148,11 +141,6 @@ def parser() -> argparse.ArgumentParser:
         "--replace",
         action="store_true",
         help="with --attach, to a fleet: these tasks instead of those that it works on",
-    )
-    made.add_argument(
-        "--watch",
-        action="store_true",
-        help="a virtual run again, whenever a file that it has read changes, and what moved",
     )
     add_options(made)
     return made
@@ -302,7 +290,6 @@ def _run_on(
 
 
 def _own(args: argparse.Namespace, path: Path, seed: int) -> Path:
-    """Each run's file."""
     return path if args.runs is None else path.with_stem(f"{path.stem}-{seed}")
 
 

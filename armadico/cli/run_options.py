@@ -262,19 +262,6 @@ def _check_robot(url: str) -> None:
         )
 
 
-def check_watched(args: argparse.Namespace) -> None:
-    """Raises UsageError or ConfigError."""
-    from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
-
-    if not args.virtual:
-        raise UsageError("--watch runs under a virtual clock again and again: --virtual")
-    for option in ("runs", "json", "robots"):
-        if getattr(args, option):
-            raise UsageError(f"--{option}: --watch compares one run with the one before it")
-    if _world(args) is None and load_scenario(args.scenario).tasks:
-        raise UsageError(f"{args.scenario}: --watch compares runs of one robot")
-
-
 def _check_attach(args: argparse.Namespace) -> None:
     for option in STARTING if args.attach else ():
         if getattr(args, option) not in (None, False, []):

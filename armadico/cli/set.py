@@ -46,7 +46,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico set",
         "Change parameters of an agent that is at work. It refuses what is out of range, and says"

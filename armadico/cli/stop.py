@@ -20,7 +20,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     return latch.parser(
         "armadico stop",
         "Stop the robot, whoever drives it. It stays stopped until `armadico resume`.",

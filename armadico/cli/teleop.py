@@ -108,7 +108,6 @@ class Keys:
         return Order(key) if key in {order.value for order in Order} else None
 
     def release(self) -> None:
-        """No key is pressed."""
         self._key, self._until = "", float("-inf")
 
     def wish(self, now: float) -> tuple[float, float] | None:
@@ -144,7 +143,6 @@ class Hand:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Drive by hand."""
     args = parser().parse_args(argv)
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise options.UsageError(
@@ -168,7 +166,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico teleop",
         "Drive the robot by hand. While a key is pressed, this hand contends for the wheels; when"
@@ -254,7 +251,6 @@ def _pressed(terminal: int) -> list[str]:
 
 
 def _drive(client: Client, hand: Hand, terminal: int) -> None:
-    """Until the hand leaves."""
     keys, said = Keys(), ""
     state: RobotState | None = None
     try:

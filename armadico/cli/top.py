@@ -35,7 +35,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Watch."""
     args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.observe.view import View  # noqa: PLC0415 - not for --help
@@ -62,7 +61,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico top",
         "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"
@@ -254,7 +252,6 @@ def _live(snapshots: Snapshots, watcher: Watcher) -> int:
 
 
 def tables(snapshot: dict[str, Any]) -> Group:
-    """The snapshot for people."""
     from rich.console import Group  # noqa: PLC0415 - not for --help
     from rich.text import Text  # noqa: PLC0415 - not for --help
 

@@ -56,7 +56,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico up",
         "Start this machine's share of a society, as the host table has it, and keep it up: who"

@@ -49,7 +49,6 @@ class Told(NamedTuple):
 
 
 def main(argv: Sequence[str]) -> int:
-    """Answer."""
     args = parser().parse_args(argv)
     _check(args)
     told = _live(args) if args.live else _recorded(args)
@@ -64,7 +63,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico why",
         "Why a society did what it did: each contender's bid and what it was made of, who held the"

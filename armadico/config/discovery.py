@@ -57,7 +57,6 @@ class Found:
 
     @property
     def module(self) -> str:
-        """Where it is defined."""
         return self.value.partition(":")[0].strip()
 
     @property

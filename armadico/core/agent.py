@@ -26,7 +26,6 @@ from typing import Any, ClassVar, TypeVar, cast
 
 from armadico.core import changeable, parameters
 from armadico.core import messages as m
-from armadico.core.compiled import mypyc_attr
 from armadico.core.coordination import COMPARISONS, Contender, Owner, Verdict
 from armadico.core.cycles import AHEAD, CycleClock, CycleCounter
 from armadico.core.exchange import EXCHANGES, Bid
@@ -147,7 +146,6 @@ class _Owned:
     complained_at: float = float("-inf")
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
 class Agent:
     """One agent. A subclass declares what it talks about, and fills in handlers and methods."""
 
@@ -938,7 +936,6 @@ class Agent:
         return getattr(self, f"on_{snake}", None)
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
 class DeviceAgent(Agent):
     """An agent that owns a device: bytes in, bytes out."""
 

@@ -78,8 +78,6 @@ class State(Enum):
 
 
 class Event(Enum):
-    """What may change that."""
-
     BID = "has a bid"
     NO_BID = "has none"
     BETTER = "its bid beats the holder's of the same cycle"

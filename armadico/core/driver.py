@@ -154,7 +154,6 @@ class Driver:
         return mine if due is None else due if mine is None else min(due, mine)
 
     def wake(self, now: float) -> None:
-        """Take the time."""
         if self.stage is Stage.JOINED:
             due = self.agent.wakeup
             if due is not None and now >= due:

@@ -43,8 +43,6 @@ class Bid:
 
 
 class Handover(Protocol):
-    """One exchange under way."""
-
     def action(self, t: int, bid: Bid) -> Action:
         """The action to command `t` cycles after the exchange began (t is 1 in its first)."""
 
@@ -78,7 +76,6 @@ class AbruptExchange:
         bid: Bid,  # noqa: ARG002
         period: float,  # noqa: ARG002
     ) -> Handover:
-        """Nothing to mix."""
         return AT_ONCE
 
 

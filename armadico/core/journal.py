@@ -170,7 +170,6 @@ class Journalled(Driver):
     # What enters ---------------------------------------------------------------------------------
 
     def begin(self, now: float) -> None:
-        """See `Driver`."""
         self._note((BEGIN, now))
         super().begin(now)
 
@@ -183,7 +182,6 @@ class Journalled(Driver):
         return self._close_at if due is None or self._close_at < due else due
 
     def wake(self, now: float) -> None:
-        """See `Driver`."""
         due = self._due()
         if due is not None and now >= due:
             self._note((WAKE, now))
@@ -193,18 +191,15 @@ class Journalled(Driver):
             self._close()
 
     def leave(self, now: float) -> None:
-        """See `Driver`."""
         self._note((LEAVE, now))
         super().leave(now)
         self._ended = True
 
     def deliver(self, to: Subscription, key: str, payload: bytes | Message, now: float) -> None:
-        """See `Driver`."""
         self._note((DELIVER, now, to.pattern, key, payload))
         super().deliver(to, key, payload, now)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
-        """See `Driver`."""
         self._note((TOKEN, now, name, instance, alive))
         super().token(name, instance, alive, now)
 
@@ -219,32 +214,26 @@ class Journalled(Driver):
         super().asked(key, payload, (self._calls_asked, call), now)
 
     def replied(self, question: int, reply: Message | None, now: float) -> None:
-        """See `Driver`."""
         self._note((REPLIED, now, question, reply))
         super().replied(question, reply, now)
 
     def received(self, data: bytes, now: float) -> None:
-        """See `Driver`."""
         self._note((RECEIVED, now, data))
         super().received(data, now)
 
     def link(self, up: bool, why: str, now: float) -> None:
-        """See `Driver`."""
         self._note((LINK, now, up, why))
         super().link(up, why, now)
 
     def slow(self, took: float) -> None:
-        """See `Driver`."""
         self._note((SLOW, self.agent.now, took))
         super().slow(took)
 
     def refuse(self, key: str, why: object, now: float) -> None:
-        """See `Driver`."""
         self._note((REFUSE, now, key, str(why)))
         super().refuse(key, why, now)
 
     def report(self, dropped: dict[str, int], now: float) -> None:
-        """See `Driver`."""
         self._note((REPORT, now, dropped))
         super().report(dropped, now)
 

@@ -29,7 +29,7 @@ from armadico.core.messages import COUNTS, JUMP, Latched, Stop, counts_beyond, n
 GIVE_BACK_S: Final = 0.1
 """Who remembers a newer one gives it back within this, unless somebody else was faster."""
 
-AGAIN_S = (0.5, 1.0)  # no `Final`: compiled, a generator finds it unset
+AGAIN_S: Final = (0.5, 1.0)
 """Who has appeared is given it again so much later: once may be lost, and it cannot ask for what it
 does not know of."""
 
@@ -83,7 +83,6 @@ class Memory:
         return cast("L | None", self._known.get(kind))
 
     def all(self) -> list[Latched]:
-        """All that is known."""
         return list(self._known.values())
 
     def hear(self, message: Latched, now: float) -> bool:

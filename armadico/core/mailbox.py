@@ -83,9 +83,7 @@ class Mailbox(Generic[T]):
             del self._alike[kin]
 
     def __len__(self) -> int:
-        """How many wait."""
         return sum(map(len, self._lanes.values()))
 
     def __bool__(self) -> bool:
-        """Whether anything waits."""
         return bool(self._lanes)

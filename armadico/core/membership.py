@@ -107,7 +107,6 @@ class Admission:
     # What comes in -------------------------------------------------------------------------------
 
     def appeared(self, name: str, instance: str, now: float) -> None:
-        """A token is alive."""
         if instance == self._instance or instance in self._alive:
             return
         self._alive[instance] = (name, now)
@@ -115,7 +114,6 @@ class Admission:
         self._ask_at[instance] = now
 
     def disappeared(self, instance: str, now: float) -> None:
-        """A token has gone."""
         if self._alive.pop(instance, None) is not None:
             self._heard(now)
         for about in (self._asked, self._ask_at, self._cards):

@@ -1,8 +1,4 @@
-"""What of an agent a file or ``--set KEY=VALUE`` may change.
-
-A file of its own, as `messages` is: msgspec reads these types as they are written here, which it
-could not in a module that is compiled (`setup.py`).
-"""
+"""What of an agent a file or ``--set KEY=VALUE`` may change."""
 
 from __future__ import annotations
 

@@ -120,7 +120,6 @@ class AttachedFleet(LiveFleet):
     # While it goes on ----------------------------------------------------------------------------
 
     def look(self) -> None:
-        """See `LiveFleet`."""
         self._meet()
         self._say_notes()
         for name in self.names:

@@ -70,7 +70,6 @@ class LiveFleet:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave the mesh."""
         self._stack.close()
 
     def start(self) -> None:

@@ -112,7 +112,6 @@ class LocalFleet(LiveFleet):
             self.clients.append(launcher.client)
 
     def look(self) -> None:
-        """See `LiveFleet`."""
         for name, launcher in zip(self.names, self.launchers, strict=True):
             if name in self._lost:
                 continue

@@ -59,7 +59,6 @@ class PidFile:
             self._file.close()
 
     def write(self, share: Share) -> None:
-        """Say what is up."""
         assert self._file is not None, "the lock was taken"
         self._file.seek(0)
         self._file.truncate()

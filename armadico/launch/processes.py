@@ -90,7 +90,6 @@ class Process:
         return owns_wheels(self.name)
 
     def ended(self) -> bool:
-        """Whether it is gone."""
         return self.popen.poll() is not None
 
     def last_words(self, lines: int = 5) -> str:

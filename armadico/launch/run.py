@@ -239,7 +239,6 @@ class LiveRun(Run):
         """Leave things as they should be left, whatever happened."""
 
     def goes_on(self, elapsed: float) -> bool:
-        """See `Run`."""
         self.look()
         return not self._nobody_can(elapsed)
 

@@ -336,7 +336,6 @@ def mission(scenario: Scenario) -> MissionRequest | None:
 def watch(
     scenario: Scenario, options: Options, mode: str, namespace: str | None = None
 ) -> RunWatch:
-    """Who measures the run."""
     known = conditions(scenario, options, mode, namespace)
     return RunWatch(scenario.name, scenario.goal, options.seed, known)
 

@@ -168,7 +168,6 @@ class Wakeup(DeviceAgent):
         self._ask(name, instance)
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        """A token has gone."""
         for about in (self._alive, self._cards, self._shares):
             about.pop(instance, None)
 
@@ -250,7 +249,6 @@ class Wakeup(DeviceAgent):
     # The machine ---------------------------------------------------------------------------------
 
     def on_bytes(self, data: bytes) -> None:
-        """What became of processes."""
         *whole, self._half = (self._half + data).split(b"\n")
         for text in whole:
             event = msgspec.json.decode(text, type=Event | Load)
@@ -440,7 +438,6 @@ class Wakeup(DeviceAgent):
         self._tell()
 
     def _tell(self, *, leaving: bool = False) -> None:
-        """Publish the share."""
         kept = tuple(
             Kept(p.agents, p.state, p.pid, p.lent, line(p.why)) for p in self._kept.values()
         )

@@ -119,11 +119,9 @@ class Monotonic:
     """The time of this machine."""
 
     def now(self) -> float:
-        """See `Time`."""
         return time.monotonic()
 
     def wait(self, bell: Bell, timeout: float) -> bool:
-        """See `Time`."""
         return bell.acquire(timeout=timeout)
 
 
@@ -135,7 +133,6 @@ class Reader:
         self._reported_at = float("-inf")
 
     def read(self, kind: type[M], key: str, data: bytes) -> M | None:
-        """See `Mesh`."""
         try:
             return decode(data, kind)
         except MessageError as error:

@@ -37,7 +37,6 @@ def free_ports(count: int, address: str = LOOPBACK) -> list[int]:
 
 
 def free_port(address: str = LOOPBACK) -> int:
-    """One of them."""
     return free_ports(1, address)[0]
 
 

@@ -244,7 +244,6 @@ class VirtualMesh:
         return routes
 
     def forget_routes(self) -> None:
-        """Subscriptions have changed."""
         self._routes.clear()
 
     def spread(
@@ -348,7 +347,6 @@ class VirtualMesh:
         self.call_at(self.now + (timeout if waits else 0.0), self._over, number)
 
     def reply(self, place: Place, number: int, key: str, message: Message) -> None:
-        """Carry a reply back."""
         query = self._queries.get(number)
         shared = sendable(message)
         if isinstance(shared, str):
@@ -394,7 +392,6 @@ class VirtualMesh:
         self.liveliness.cut(sources, targets, lease=lease)
 
     def heal(self, sources: Sequence[str], targets: Sequence[str]) -> None:
-        """Undo a cut."""
         self.liveliness.heal(sources, targets)
 
     # Devices -------------------------------------------------------------------------------------
@@ -445,8 +442,6 @@ class Port:
 
 
 class Query:
-    """A query that waits."""
-
     def __init__(
         self, asker: str, waits: int, each: Callable[[str, Message], bool], over: Callable[[], None]
     ) -> None:
@@ -491,7 +486,6 @@ class Place:
         """Something was published by a wildcard: nobody takes it."""
 
     def show(self, name: str, instance: str) -> None:
-        """Show a token."""
         self.tokens.append((name, instance))
         self.mesh.liveliness.join(self, name, instance)
 
@@ -557,7 +551,6 @@ class Node(Place):
         return now if self.clock is None else self.clock.read(now)
 
     def begin(self) -> None:
-        """Start the agent."""
         self._begun = True
         self.driver.begin(self.time)
         self._drain()
@@ -606,7 +599,6 @@ class Node(Place):
     # What arrives --------------------------------------------------------------------------------
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
-        """See `Place`."""
         return [(to.pattern, self._deliver, to) for to in self.agent.subscriptions()]
 
     def _deliver(self, to: Subscription, what: tuple[str, Message | bytes]) -> None:
@@ -627,16 +619,13 @@ class Node(Place):
             self._mind_wakeup()
 
     def queried(self, pattern: str) -> list[Any]:
-        """See `Place`."""
         return [key for key in self.driver.queries if matches(pattern, key)]
 
     def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
-        """See `Place`."""
         _, request, number = what
         self._hand(lambda: self.driver.asked(one, request, number, self.time), f"query/{one}")
 
     def tell(self, name: str, instance: str, alive: bool) -> None:
-        """See `Place`."""
         self._hand(
             lambda: self.driver.token(name, instance, alive, self.time), f"token/{instance}", 1
         )
@@ -668,7 +657,6 @@ class Node(Place):
             self._drain()
 
     def _flush(self) -> None:
-        """Take all that waited."""
         while not self.hung and not self._busy and (item := self.mailbox.take()):
             item()
         self._own_up()
@@ -863,7 +851,6 @@ class Liveliness:
                 self._mesh.call_at(at, self._cut_for_long, way, self._cuts[way])
 
     def heal(self, sources: Iterable[str], targets: Iterable[str]) -> None:
-        """Undo a cut."""
         for way in _ways(sources, targets):
             self._cuts[way] -= 1
             if self._cuts[way]:

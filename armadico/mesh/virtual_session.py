@@ -38,7 +38,6 @@ class VirtualSession(Place):
     # A mesh --------------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """See `Mesh`."""
         return self.mesh.now
 
     def wait(self, bell: Bell, timeout: float) -> bool:
@@ -51,7 +50,6 @@ class VirtualSession(Place):
         return bell.acquire(blocking=False)
 
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:  # noqa: ARG002
-        """See `Mesh`."""
         self._joined()
         encode(message)
         self.mesh.spread(self.address, key, message, self)
@@ -61,7 +59,6 @@ class VirtualSession(Place):
         return True
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
-        """See `Mesh`."""
         self._joined()
         self._listeners.append((pattern, self._deliver, receiver))
         self.mesh.forget_routes()
@@ -74,7 +71,6 @@ class VirtualSession(Place):
         each: Receiver,
         done: Callable[[], None],
     ) -> None:
-        """See `Mesh`."""
         self._joined()
         encode(request)
 
@@ -86,27 +82,22 @@ class VirtualSession(Place):
         self.mesh.put(self, key, request, timeout, replied, lambda: done() if self.alive else None)
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
-        """See `Mesh`."""
         self._joined()
         self._answers.append((key, receiver))
 
     def declare_alive(self, name: str, instance: str) -> None:
-        """See `Mesh`."""
         self._joined()
         self.show(name, instance)
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        """See `Mesh`."""
         self._joined()
         self._changed.append(changed)
         self.mesh.liveliness.look(self)
 
     def read(self, kind: type[M], key: str, data: bytes) -> M | None:
-        """See `Mesh`."""
         return self._reader.read(kind, key, data)
 
     def close(self) -> bool:
-        """See `Mesh`."""
         if self.alive:
             self.kill()
         return True
@@ -118,7 +109,6 @@ class VirtualSession(Place):
     # A place -------------------------------------------------------------------------------------
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
-        """See `Place`."""
         return self._listeners
 
     def _deliver(self, receiver: Receiver, what: tuple[str, Message | bytes]) -> None:
@@ -127,20 +117,16 @@ class VirtualSession(Place):
             receiver(key, message if isinstance(message, bytes) else encode(message))
 
     def refuse(self, _: Any, what: tuple[str, Message]) -> None:
-        """See `Place`."""
         self._reader.refuse(what[0], "published by wildcard")
 
     def queried(self, pattern: str) -> list[Any]:
-        """See `Place`."""
         return [receiver for key, receiver in self._answers if matches(pattern, key)]
 
     def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
-        """See `Place`."""
         if self.alive:
             one(Asked(self, what[0], encode(what[1]), what[2]))
 
     def tell(self, name: str, instance: str, alive: bool) -> None:
-        """See `Place`."""
         for changed in self._changed:
             changed(name, instance, alive)
 
@@ -155,6 +141,5 @@ class Asked:
         self._number = number
 
     def reply(self, key: str, message: Message) -> None:
-        """See `Call`."""
         encode(message)
         self._session.mesh.reply(self._session, self._number, key, message)

@@ -195,7 +195,6 @@ class ZenohMesh(Reader, Monotonic):
         return set() if session is None else _met(session)
 
     def open_beside(self, listen: tuple[str, ...] | None) -> _Beside | None:
-        """See `Sessions`."""
         try:
             return _Beside(self._config(listen or (any_port(self._where.attempts[-1][0]),)))
         except zenoh.ZError:
@@ -219,7 +218,6 @@ class ZenohMesh(Reader, Monotonic):
         return key in self._publishers
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
-        """See `Mesh`."""
         where, root = self._placed(pattern)
 
         def arrived(sample: zenoh.Sample) -> None:
@@ -258,7 +256,6 @@ class ZenohMesh(Reader, Monotonic):
         )
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
-        """See `Mesh`."""
         where, root = self._placed(key)
 
         def asked(query: zenoh.Query) -> None:
@@ -269,12 +266,10 @@ class ZenohMesh(Reader, Monotonic):
     # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
-        """See `Mesh`."""
         key = TOKEN.format(name=name, instance=instance)
         self._tokens[key] = self._open.liveliness().declare_token(self._rooted(key))
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        """See `Mesh`."""
         where, root = self._placed(TOKEN.format(name="*", instance="*"))
 
         def arrived(sample: zenoh.Sample) -> None:
@@ -333,8 +328,6 @@ class ZenohMesh(Reader, Monotonic):
 
 
 class _Beside:
-    """See `Beside`."""
-
     def __init__(self, config: zenoh.Config) -> None:
         """Raises `zenoh.ZError` if it cannot listen."""
         self._session = zenoh.open(config)

@@ -15,8 +15,6 @@ from typing import Any, Final
 import msgspec
 from msgspec import Struct
 
-from armadico.core.compiled import is_compiled
-
 CODE: Final = ("armadico", "armadico.agents", "armadico.bridge", "armadico.configs")
 """The packages that a run depends on; of the first, all but its commands."""
 
@@ -32,7 +30,6 @@ class Software(Struct, frozen=True, kw_only=True):
     version: str
     commit: str
     source: str  # 16 hex digits
-    compiled: bool
     python: str
     platform: str
     packages: dict[str, str]  # what is required, and what has brought agents, by its version
@@ -64,7 +61,6 @@ def software() -> Software:
         version=_version("armadico"),
         commit=commit(),
         source=source_hash(),
-        compiled=is_compiled(),
         python=platform.python_version(),
         platform=f"{platform.system()} {platform.machine()}",
         packages=packages(_required()),

@@ -102,7 +102,6 @@ class Collision(Struct, frozen=True):
 
 
 def contest_told(of: Contest) -> Iterator[str]:
-    """A contest in sentences."""
     name = of.resource
     if of.holder:
         rank = f"{of.utility:.2f}{', critical' if of.critical else ''}"

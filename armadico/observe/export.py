@@ -46,7 +46,6 @@ class Tables:
 
     @property
     def topics(self) -> list[str]:
-        """What there was."""
         return sorted(self._files)
 
     def take(self, row: Row) -> None:

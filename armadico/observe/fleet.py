@@ -12,8 +12,6 @@ from armadico.core.messages import FleetClaims, FleetPose, FleetStatus, Message,
 
 
 class RobotRow(Struct, frozen=True):
-    """One robot's share."""
-
     robot: str
     tasks: tuple[int, ...]  # that it did, in its order
     way_m: float  # by the truth; without, by the poses that it tells the others

@@ -63,7 +63,6 @@ class Server(ServerListener):
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         return self._server.port
 
     def close(self) -> None:
@@ -106,22 +105,18 @@ class Server(ServerListener):
     # On the SDK's threads -------------------------------------------------------------------------
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """See `ServerListener`."""
         del client
         for each in self._watched:
             each.add(channel.topic)
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        """See `ServerListener`."""
         if channel.topic in self._goals:
             self._advertised[client.id, channel.id] = channel
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        """See `ServerListener`."""
         self._advertised.pop((client.id, client_channel_id), None)
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        """See `ServerListener`."""
         channel = self._advertised.get((client.id, client_channel_id))
         if channel is not None and len(self._asked) < WAITING:
             self._asked.append(Asked(channel.topic, data, channel.encoding, channel.schema_name))
@@ -140,13 +135,11 @@ class Served:
             server.offer(channel)
 
     def publish(self, sample: Sample, at: int) -> None:
-        """See `Outside`."""
         if sample.channel.latched:
             self._kept[sample.channel.topic] = sample, at
         self._server.publish(sample, at)
 
     def asked(self) -> list[Asked]:
-        """See `Outside`."""
         while self._watched:
             kept = self._kept.get(self._watched.pop())
             if kept is not None:

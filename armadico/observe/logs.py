@@ -102,11 +102,9 @@ class Scans:
     mount: Pose2 = STOOD
 
     def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
-        """See `Readings`."""
         return Scan
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan:
-        """See `Readings`."""
         seen = self.ranges[index] * self.scale
         limits = (LEAST_M, self.reach)
         return message_of(cycle, seen, self.angles, limits, self.mount, since=since, number=number)
@@ -119,11 +117,9 @@ class Recorded:
     messages: tuple[Scan | Sonar, ...]
 
     def kind(self, index: int) -> type[Scan | Sonar]:
-        """See `Readings`."""
         return type(self.messages[index])
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
-        """See `Readings`."""
         said = self.messages[index]
         if isinstance(said, Scan):
             x, y, bearing = compose(since, (said.x, said.y, said.bearing))

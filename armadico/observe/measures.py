@@ -215,7 +215,6 @@ class RunWatch:
         self.limit = None if self.done else limit
 
     def show(self, message: Message, now: float) -> None:
-        """Take one message."""
         if self.done:
             return
         self.now = now

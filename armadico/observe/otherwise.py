@@ -63,7 +63,6 @@ class Seen:
         return seen
 
     def take(self, row: Row) -> None:
-        """Know one message."""
         t, message = row.t / 1e9 - self.began, row.message
         if isinstance(message, RobotState):
             self.at.setdefault(_cycle(message.cycle), t)

@@ -188,7 +188,6 @@ class Gaps:
 
     @property
     def lost(self) -> int:
-        """How many are missing."""
         return sum(map(len, self._missing.values()))
 
 
@@ -270,7 +269,6 @@ class Recording:
             self._next_file()
 
     def close(self) -> None:
-        """Finish the file."""
         self._file.close()
 
     def _take_presence(self, item: Presence) -> None:

@@ -135,7 +135,6 @@ class _Damage:
         self._missing: int | None = None
 
     def read(self, t: int) -> None:
-        """A message was read."""
         self._first = self._first if self._messages else t
         if self._gap:
             self._gap = False
@@ -145,7 +144,6 @@ class _Damage:
         self._messages, self._last = self._messages + 1, t
 
     def skipped(self) -> None:
-        """Damaged bytes were skipped."""
         self._gap = self.found = True
 
     def counted(self, messages: int) -> None:

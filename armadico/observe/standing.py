@@ -220,7 +220,6 @@ class _Chain:
     # What holds whatever anybody bids ------------------------------------------------------------
 
     def _hands(self, state: RobotState) -> Cause | None:
-        """Somebody's word, or hand."""
         if state.stop.stopped:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:

@@ -41,8 +41,6 @@ class Sample(NamedTuple):
 
 
 class Translator(Protocol):
-    """Translates for one robot."""
-
     kinds: Sequence[type[Message]]
     """What it makes something of."""
 

@@ -474,7 +474,6 @@ class Rate:
         self._arrivals: deque[float] = deque()
 
     def add(self, at: float) -> None:
-        """One came."""
         self.look(at)
         self.count += 1
         if self.last is None or at - self.last > max(self.deadline_s or 0.0, QUIET_S):

@@ -66,7 +66,6 @@ class Clock:
         self._offset = time.time_ns() - time.monotonic_ns()
 
     def __call__(self) -> int:
-        """Now, ns since 1970."""
         return time.monotonic_ns() + self._offset
 
 
@@ -109,7 +108,6 @@ class Watcher:
                 mesh.ask(key, JournalRequest(number), timeout, taken, lambda: None)
 
     def ask_for_cards(self, timeout: float = 1.0) -> None:
-        """Query everybody's card."""
         self.ask(CARD.key_for(name="*", instance="*"), timeout)
 
     def ask_for_bids(self, timeout: float = 1.0) -> None:

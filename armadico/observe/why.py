@@ -210,7 +210,6 @@ class Chronicle:
 
     @property
     def presses(self) -> list[Press]:
-        """The stops so far."""
         return [self._press(pressed) for pressed in self._pressed]
 
     # Inside --------------------------------------------------------------------------------------
@@ -515,7 +514,6 @@ class Chronicle:
         return Cause(Sort.OUTBID, winner, what + (f" {winner}: {why}." if why else ""))
 
     def _first(self, of: _Taken) -> tuple[float, Claim] | None:
-        """The winner's first claim."""
         claims = self._claims.get(of.ack.resource, ())
         return next(((at, c) for at, c in claims if c.ballot == of.ack.obeyed), None)
 

@@ -70,5 +70,5 @@ def _place(kind: type[Agent]) -> str:
     try:
         _, line = inspect.getsourcelines(kind)
         return f'  File "{inspect.getsourcefile(kind)}", line {line}, class {kind.__name__}\n'
-    except (OSError, TypeError):  # of a notebook, or compiled
+    except (OSError, TypeError):  # of a notebook
         return f"  class {kind.__name__} of {kind.__module__}\n"

@@ -21,8 +21,6 @@ DECIVOLT = 0.1
 
 
 class Arg(Enum):
-    """Kinds of argument."""
-
     NONE = "none"  # clients may send a dummy integer along
     INT = "int"  # signed
     BITS = "bits"  # sixteen raw bits, often two independent bytes

@@ -311,7 +311,6 @@ class Session(Counting):
         )
 
     def _go(self, signal: Signal) -> None:
-        """Follow the table."""
         if (self.state, signal) not in TRANSITIONS:
             return
         before = self.state

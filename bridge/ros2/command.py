@@ -29,7 +29,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Publish until Ctrl-C."""
     args = parser().parse_args(argv)
     namespaces = options.namespaces(args)
     from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
@@ -58,7 +57,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico ros2",
         "Publish a society as ROS 2 topics: tf, odometry, pose, sensors, maps, path, obstacles and"

@@ -139,7 +139,6 @@ class DdsWire:
             raise TransportError(f"DDS refuses: {_why(error)}") from error
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Say a sample."""
         writer = self._writers.get(topic)
         if writer is None:
             return
@@ -152,7 +151,6 @@ class DdsWire:
                 raise TransportError(f"DDS does not send {topic}: {_why(error)}") from error
 
     def take(self, timeout_s: float) -> list[Frame]:
-        """Wait for samples."""
         try:
             if not self._readers:
                 time.sleep(timeout_s)
@@ -176,7 +174,6 @@ class DdsWire:
     # Who is there ---------------------------------------------------------------------------------
 
     def others(self) -> Iterable[Endpoint]:
-        """Endpoints of other participants."""
         self._look()
         owners = {gid: node for nodes in self._owners.values() for gid, node in nodes.items()}
         for key, (since, writes, found) in self._remote.items():

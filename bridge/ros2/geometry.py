@@ -17,12 +17,10 @@ class Rotation(Protocol):
         """Of the axis, times the sine of half the angle."""
 
     @property
-    def y(self) -> float:
-        """The same."""
+    def y(self) -> float: ...
 
     @property
-    def z(self) -> float:
-        """The same."""
+    def z(self) -> float: ...
 
     @property
     def w(self) -> float:

@@ -35,7 +35,6 @@ class Mount(Struct, frozen=True):
     tilt: float = 0.0  # out of the level, rad
 
     def differs(self, other: Mount) -> bool:
-        """Whether they are two."""
         (x, y, bearing), (at_x, at_y, looks) = self.place, other.place
         turned = abs(remainder(bearing - looks, tau))
         apart = hypot(x - at_x, y - at_y) > APART_M or turned > APART_RAD
@@ -43,7 +42,6 @@ class Mount(Struct, frozen=True):
 
     @property
     def told(self) -> str:
-        """For people."""
         x, y, bearing = self.place
         down = ", upside down" if self.upside_down else ""
         return f"x = {x:.3f} m, y = {y:.3f} m, {degrees(remainder(bearing, tau)):.0f} deg{down}"

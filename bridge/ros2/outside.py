@@ -58,7 +58,6 @@ class SocietyNode:
         self._choose(())
 
     def publish(self, sample: Sample, at: int) -> None:
-        """See `Outside`."""
         del at  # it is in the sample
         if sample.channel.latched:
             self._kept[sample.channel.topic] = sample
@@ -66,7 +65,6 @@ class SocietyNode:
             self._wire.publish(sample.channel.topic, sample.data)
 
     def asked(self) -> Iterable[Asked]:
-        """See `Outside`."""
         now = time.monotonic()
         if now - self._looked_at >= LOOK_S:
             self._looked_at = now

@@ -92,7 +92,6 @@ class ZenohWire:
             self._declared += (declared, alive.declare_token(token))
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Say a sample."""
         if topic not in self._publishers:
             return
         publisher, gid = self._publishers[topic]
@@ -104,7 +103,6 @@ class ZenohWire:
             raise TransportError(f"Zenoh does not send {topic}: {error}") from error
 
     def take(self, timeout_s: float) -> list[Frame]:
-        """Wait for samples."""
         found: list[Frame] = []
         try:
             found.append(self._samples.get(timeout_s > 0, timeout_s or None))
@@ -120,7 +118,6 @@ class ZenohWire:
         closing.join(CLOSE_S)
 
     def others(self) -> Iterable[Endpoint]:
-        """Endpoints of other sessions."""
         with self._lock:
             tokens = sorted(self._tokens)
         found = (names.endpoint(token) for token in tokens if names.session(token) != self._own)

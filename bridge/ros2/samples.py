@@ -36,8 +36,6 @@ SETTLE_S = 3.0
 
 
 class Address(Struct, frozen=True):
-    """Where a robot is."""
-
     namespace: str
     domain: int
     interface: str = ""  # DDS: by which network interface; "": as Cyclone's configuration says
@@ -45,7 +43,6 @@ class Address(Struct, frozen=True):
 
     @property
     def where(self) -> str:
-        """In words."""
         at = f" at {self.endpoint}" if self.endpoint else ""
         by = f" by {self.interface}" if self.interface else ""
         return f"domain {self.domain}{at}{by}"
@@ -100,7 +97,6 @@ class SampleTransport:
         self._large: dict[str, int] = {}
 
     def open(self) -> None:
-        """Join the network."""
         self.close()
         self._begin()
         self._wire = self._connect()
@@ -148,7 +144,6 @@ class SampleTransport:
                 self._opened().publish(topic, payload)
 
     def close(self) -> None:
-        """Leave the network."""
         with self._lock:
             wire, self._wire = self._wire, None
             if wire is not None:

@@ -150,14 +150,12 @@ class Session(Counting):
 
     @property
     def next_wakeup(self) -> float | None:
-        """See `bridge.session`."""
         times = [time for time in (self._deadline, self._ramp_at) if time is not None]
         if self.is_open:
             times.append(self._now + LOOK_S)
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
-        """See `bridge.session`."""
         self._ration += (now - self._now) * OFTEN * self._ros2.odom_hz
         self._ration = min(self._ration, BURST)
         self._advance(now)
@@ -176,14 +174,12 @@ class Session(Counting):
         return self._drain_events()
 
     def tick(self, now: float) -> list[Event]:
-        """See `bridge.session`."""
         self._advance(now)
         if self._deadline is not None and now >= self._deadline:
             self._silence()
         return self._drain_events()
 
     def restart(self, now: float) -> list[Event]:
-        """See `bridge.session`."""
         self._advance(now)
         self.decoder.begin()
         self._seen = Seen()
@@ -200,7 +196,6 @@ class Session(Counting):
             self._asked, self._fresh = (v, w), True
 
     def stop(self) -> None:
-        """See `bridge.session`."""
         self.drive(0.0, 0.0)
 
     def emergency_stop(self) -> None:
@@ -222,7 +217,6 @@ class Session(Counting):
         self._fresh = False
 
     def outgoing(self) -> bytes:
-        """See `bridge.session`."""
         due = self._fresh or (self._ramp_at is not None and self._now >= self._ramp_at)
         if self.is_open and due:
             passed = self._now - self._said_at
@@ -504,7 +498,6 @@ class Session(Counting):
     # Where its sensors sit ------------------------------------------------------------------------
 
     def _places(self) -> tuple[Pose2, ...]:
-        """Of its sonars."""
         sonars = () if self._ring is None else self._ring.sonars
         return tuple(
             self._mounted(sonar.frame or "", Mount(sonar.place), "sonar").place for sonar in sonars

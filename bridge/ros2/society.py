@@ -169,7 +169,6 @@ class Society:
     # Messages in, samples out ---------------------------------------------------------------------
 
     def take(self, key: str, message: m.Message, at: int) -> Iterator[Sample]:
-        """See `Translator`."""
         for topic, sample in self._said(key, message, at):
             yield Sample(self._channels[topic], cdr.encode(sample))
 

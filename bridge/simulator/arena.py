@@ -21,8 +21,6 @@ in a stretch."""
 
 
 class Robot(Protocol):
-    """One of them."""
-
     plant: Plant
     bring_forward: Callable[[float], None]
 

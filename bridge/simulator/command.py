@@ -46,7 +46,6 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Simulate until interrupted."""
     args = parser().parse_args(argv)
     _name(args)
     mesh = options.join(args, passing=False)  # who looks for the truth alone finds it there
@@ -132,7 +131,6 @@ def _remark(mesh: ZenohMesh) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico sim",
         "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"

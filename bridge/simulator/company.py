@@ -48,23 +48,19 @@ class Body:
         return [(*a, *b) for a, b in pairwise([*places, places[0]])]
 
     def arm(self, x: float, y: float, nx: float, ny: float) -> Arm:
-        """See `Other`."""
         at_x, at_y, theta = self.pose
         c, s = cos(theta), sin(theta)
         return Arm(nx * c + ny * s, ny * c - nx * s, (x - at_x) * ny - (y - at_y) * nx)
 
     def speed_of(self, arm: Arm) -> float:
-        """See `Other`."""
         return arm.v * self.v + arm.u * self.u + arm.w * self.w
 
     def compliance_of(self, arm: Arm) -> float:
-        """See `Other`."""
         v, u, w = arm
         i00, i01, i11 = self.mobility
         return i00 * v * v + 2.0 * i01 * v * w + i11 * w * w + self._sideways * u * u
 
     def push(self, arm: Arm, force: float) -> None:
-        """See `Other`."""
         v, u, w = arm
         i00, i01, i11 = self.mobility
         self.v += force * (i00 * v + i01 * w)

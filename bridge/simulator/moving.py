@@ -80,8 +80,6 @@ def pushed(gap: Gap) -> tuple[float, float]:
 
 
 class Person:
-    """Somebody who walks about."""
-
     def __init__(self, moving: Moving, walls: Walls, bounds: Wall, rng: Random) -> None:
         assert moving.at is not None, "the scenario was checked"
         self.x, self.y = moving.at

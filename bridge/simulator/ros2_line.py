@@ -33,12 +33,10 @@ class Ros2Line:
         self._begins = said(Wants(topics))
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for commands."""
         begins, self._begins = self._begins, b""
         return begins or self._transport.read(timeout_s)
 
     def write(self, data: bytes) -> None:
-        """Publish."""
         self._transport.write(data)
 
     def hang_up(self) -> bool:
@@ -46,5 +44,4 @@ class Ros2Line:
         return False
 
     def close(self) -> None:
-        """Leave."""
         self._transport.close()

@@ -186,7 +186,6 @@ class Sonars:
                 yield away - radius, fade(x, y, self._half, gone), share * x, share * y
 
     def _ends(self, seen: Sequence[Segment], sensor: tuple[float, float, float]) -> Iterator[Heard]:
-        """Corners and edges."""
         if not seen:
             return
         sensor_x, sensor_y, heading = sensor

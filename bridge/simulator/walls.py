@@ -113,7 +113,6 @@ class Segments(NamedTuple):
         return Segments(start[mask], along[mask], *(column[mask] for column in others))
 
     def joined(self, other: Segments) -> Segments:
-        """These walls and others."""
         columns = (np.concatenate(pair) for pair in zip(self[2:], other[2:], strict=True))
         start, along = zip(self[:2], other[:2], strict=True)
         return Segments(np.concatenate(start), np.concatenate(along), *columns)
@@ -314,7 +313,6 @@ class _Outlines:
 
     @property
     def segments(self) -> Segments:
-        """The same as arrays."""
         if self._segments is None:
             self._segments = _segments(self._walls, [self._surface] * len(self._walls))[1]
         return self._segments

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from armadico.config.errors import ConfigError
 from armadico.config.scenarios import load_scenario
 from tests.docs.blocks import NOTES, Block, blocks, blocks_of, files
-from tests.docs.shell import SUBSTITUTIONS, Shell
+from tests.docs.shell import Shell
 
 COMMANDS = [block for block in blocks() if block.is_commands]
 ALONE = [block for block in COMMANDS if not block.note]
@@ -34,16 +33,6 @@ def test_whatever_is_not_run_has_a_reason() -> None:
     assert not silent
 
 
-def test_the_table_of_substitutions_has_a_reason_for_each_and_all_are_needed() -> None:
-    text = "\n".join(block.text for block in COMMANDS)
-    needless = [
-        pattern
-        for pattern, _, why in SUBSTITUTIONS
-        if not why or ("bench" not in pattern and not re.search(pattern, text, re.MULTILINE))
-    ]
-    assert not needless
-
-
 def test_commands_are_found_with_and_without_a_language() -> None:
     found = blocks_of(
         "```sh\na\n```\n\n```\narmadico ps\n```\n\n```\narmadico/  a folder\n```\n\n"
@@ -52,10 +41,6 @@ def test_commands_are_found_with_and_without_a_language() -> None:
     assert [block.is_commands for block in found] == [True, True, False, True]
     assert [block.note for block in found] == ["", "", "", "not run"]
     assert [block.line for block in found] == [1, 5, 9, 14]
-
-
-def test_there_are_commands_to_run() -> None:
-    assert len(ALONE) >= 3
 
 
 def test_the_tutorials_scenario_is_a_scenario(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from tests.house.tree import (
 )
 
 LEAST = ("pyproject.toml", "README.md", "LICENSE")
-TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in", "setup.py")
+TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in")
 BESIDES = ("docs", "requirements", "tests", "deploy")
 """Of no package, and in the source distribution all the same."""
 
@@ -144,7 +144,7 @@ def test_every_agent_goes_by_the_name_of_its_entry_point() -> None:
 def test_every_agent_and_command_has_an_entry_point() -> None:
     announced = {value.partition(":")[0] for _, _, value in POINTS}
     helpers = ("options", "beside", "latch", "places", "agent", "pool", "measures", "fleet")
-    driving = ("run_options", "progress", "watch", "remote_observer")
+    driving = ("run_options", "progress", "remote_observer")
     not_commands = {f"armadico.cli.{name}" for name in (*helpers, *driving)}
     rooms = ("armadico.agents.", "armadico.cli.", "armadico_tools.commands.")
     there = {name for name in modules() if name.count(".") == 2 and name.startswith(rooms)}

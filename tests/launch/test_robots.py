@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +10,6 @@ from armadico.bridge.p2os.commands import Cmd, Command
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.motion import Plant
 from armadico.bridge.simulator.simulated import SimulatedRobot
-from armadico.config.loading import names as shipped
 from armadico.config.profile import NEVER_S, load_profile
 from armadico.config.scenarios import load_scenario, sensing
 from armadico.core.hands import Hand
@@ -20,7 +17,6 @@ from armadico.core.messages import Log, RobotState
 from armadico.launch.society import Options, names, prepared
 from armadico.launch.virtual import Rehearsal
 from tests.driven import Driven
-from tests.house.tree import modules
 
 WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
 """One with a watchdog of its own, and one without."""
@@ -54,15 +50,6 @@ def test_who_tells_of_obstacles_follows_from_the_robots_sensors() -> None:
     taking = names(prepared(load_scenario("sc4"), Options(), profile="jackal"))
     assert "laser" in taking
     assert "sonar" not in taking
-
-
-@pytest.mark.parametrize("agent", ["goto", "avoid", "gothrough"])
-def test_no_behaviour_knows_which_robot_it_drives(agent: str) -> None:
-    """Neither a profile nor a robot's name, nor which sensor saw what."""
-    text = Path(modules()[f"armadico.agents.{agent}"]).read_text(encoding="utf-8")
-    words = {node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)}
-    assert not words & {*shipped("robots"), "sonar", "laser"}
-    assert "load_profile" not in text
 
 
 class Watched(Driven):

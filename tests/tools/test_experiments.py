@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import json
-from importlib.util import find_spec
 from itertools import pairwise
 from math import hypot, pi
 from pathlib import Path
@@ -28,7 +26,6 @@ from armadico_tools.experiments import (
     EXPERIMENTS,
     base,
     floors,
-    module,
     other_maps,
     published,
     statistics,
@@ -375,22 +372,6 @@ def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
     found = json.loads(listed)
     assert list(found) == list(EXPERIMENTS)
     assert all(found.values())
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_experiment_has_a_title_and_can_be_run(name: str) -> None:
-    spec = find_spec(module(name))
-    assert spec is not None
-    assert spec.origin is not None
-    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-    named = {
-        node.target.id
-        for node in tree.body
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-    }
-    assert "run" in defined
-    assert "TITLE" in named
 
 
 def test_an_experiment_writes_its_runs_table_and_figures(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from itertools import pairwise
 from statistics import fmean
 
@@ -11,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.mesh.link_faults import WHOLE, LinkFaults
-from armadico_tools.hosts.switch import LinkError, Switch, parse_link
+from armadico_tools.hosts.switch import Switch
 
 NAMES = ("robot", "lab1", "lab2")
 MAC = {name: bytes((2, 0, 0, 0, 0, n)) for n, name in enumerate(NAMES, 1)}
@@ -187,34 +186,3 @@ def test_a_fault_on_one_link_leaves_what_another_draws(faults: LinkFaults) -> No
         sent(of, 20)
         runs.append(sent(of, 50, link=BACK))
     assert runs[0] == runs[1]
-
-
-def test_links_are_read_as_people_write_them() -> None:
-    links, found = parse_link("lab2->robot:delay=50ms,jitter=10ms,loss=5%", NAMES)
-    assert links == [THERE]
-    assert found == LinkFaults(delay=0.05, jitter=0.01, loss=0.05)
-    links, found = parse_link("lab2<->*:cut", NAMES)
-    assert sorted(links) == sorted(link for link in switch().links() if "lab2" in link)
-    assert found == LinkFaults(cut=True)
-    _, found = parse_link("*->*:rate=1.5Mbit,duplicate=1%,reorder=2%", NAMES)
-    assert found == LinkFaults(rate=1.5e6, duplicate=0.01, reorder=0.02)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("lab2:loss=5%", "is no link; one looks like lab2->robot:"),
-        ("lab2->robot", "is no link"),
-        ("lab2->lab9:cut", "no host 'lab9'; there are robot, lab1, lab2"),
-        ("lab2->lab2:cut", "from a host to itself"),
-        ("lab2->robot:lag=5ms", "'lag=5ms' is no fault; there are cut, delay"),
-        ("lab2->robot:cut=1", "is no fault"),
-        ("lab2->robot:loss", "is no fault"),
-        ("lab2->robot:loss=120%", "loss=120% is out of the question; for instance loss=5%"),
-        ("lab2->robot:delay=50", "for instance delay=50ms"),
-        ("lab2->robot:rate=0bit", "for instance rate=1Mbit"),
-    ],
-)
-def test_what_is_no_link_is_refused_with_what_would_be_one(text: str, says: str) -> None:
-    with pytest.raises(LinkError, match=re.escape(says)):
-        parse_link(text, NAMES)

@@ -82,7 +82,6 @@ class Building:
             self.holders.append(who)
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
         self.mesh.run(self.mesh.now + seconds)
 
     def until(self, done: Callable[[], object], seconds: float = 120.0) -> None:
@@ -95,7 +94,6 @@ class Building:
     def order(
         self, what: str = SURVEY, priority: float | None = None, name: str = "m"
     ) -> MissionReply:
-        """Order a mission."""
         packed = zlib.compress(what.encode())
         reply = self.rehearsal.client.ask(MissionOrder(name, packed, priority, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
@@ -126,12 +124,10 @@ class Building:
 
     @property
     def board(self) -> Board | None:
-        """The newest board."""
         found = self.heard(Board)
         return found[-1] if found else None
 
     def mission(self, number: int) -> BoardMission:
-        """Where a mission stands."""
         assert self.board is not None
         return next(m for m in self.board.missions if m.mission == number)
 
@@ -168,7 +164,6 @@ class Building:
         return pose
 
     def joins(self, kind: type[Agent]) -> Node:
-        """Another agent joins."""
         return self.rehearsal.add(kind)
 
 

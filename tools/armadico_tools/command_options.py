@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import UsageError
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -23,7 +23,6 @@ def add_jobs(made: argparse.ArgumentParser) -> None:
 
 
 def add_out(made: argparse.ArgumentParser, folder: str, what: str) -> None:
-    """Where results are kept."""
     made.add_argument(
         "--out",
         type=Path,
@@ -69,14 +68,3 @@ def over(
         options.say(f"interrupted after {count} of {len(tasks)} {label}")
         return False
     return True
-
-
-def look_inside(program: str) -> None:
-    """Raises FailedError where what a command looks into is closed: compiled."""
-    from armadico.core.compiled import is_compiled  # noqa: PLC0415 - not for --help
-
-    if is_compiled():
-        raise FailedError(
-            f"{program} looks into what is compiled here; run it where Armadico is pure Python:"
-            " .venv/bin, after `make run`"
-        )

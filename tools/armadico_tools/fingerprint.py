@@ -14,7 +14,6 @@ import sys
 from collections.abc import Sequence
 
 from armadico.config.scenarios import Scenario, load_scenario, with_sensors
-from armadico.core.compiled import is_compiled
 from armadico.core.services import SERVICES
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -39,7 +38,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--sensors", choices=("ideal", "real"), help="not the scenario's")
     parser.add_argument("--parameters", help="thesis, or a TOML file")
     args = parser.parse_args(argv)
-    print("armadico:", "compiled" if is_compiled() else "pure Python", file=sys.stderr)
     for name in args.scenarios:
         options = Options(seed=args.seed, parameters=args.parameters)
         scenario = load_scenario(name)

@@ -56,7 +56,6 @@ def moments(scenario: str, seed: int) -> list[Moment]:
 
 
 def main(arguments: list[str]) -> None:
-    """Draw it."""
     out, *rest = arguments
     name, seed = rest[0] if rest else "sc4", int(rest[1]) if len(rest) > 1 else 1
     scenario = load_scenario(name)

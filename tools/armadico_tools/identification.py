@@ -229,7 +229,6 @@ class _Problem:
         return np.column_stack([driven, -self._integral(speed), -rubbed])
 
     def _integral(self, values: Floats) -> Floats:
-        """Over every window."""
         integral: Floats = np.sum(self._trapezia * values[self._samples], axis=1)
         return integral
 

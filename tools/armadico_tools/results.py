@@ -1,6 +1,6 @@
 """The one store of results: rows of a CSV file, each written as soon as it is known.
 
-Experiments, faults, trials and mutants are interrupted and go on where they were: what is there is
+Experiments, faults and trials are interrupted and go on where they were: what is there is
 read again, by the kind of its rows. A line that was cut off does not count.
 """
 
@@ -52,7 +52,6 @@ class Rows(Generic[R]):
         return found
 
     def add(self, *rows: R) -> None:
-        """Keep rows, now."""
         with self._alone():
             if not self.path.is_file():
                 write_csv(self.path, self._kind.__struct_fields__, ())

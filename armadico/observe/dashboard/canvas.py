@@ -85,5 +85,4 @@ class Canvas:
         self.draw(path, t, rr.Scalars(value))
 
     def curve(self, path: str, name: str, colour: Colour, width: float = 2.0) -> None:
-        """How a curve looks."""
         self.fix(path, rr.SeriesLines(colors=[colour], names=[name], widths=[width]))

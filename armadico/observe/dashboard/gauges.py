@@ -31,7 +31,6 @@ class Gauges:
         canvas.curve("battery/rest", "at rest", palette.RESTED)
 
     def take_state(self, state: RobotState, t: float) -> None:
-        """What the controller measured."""
         self._speeds("measured", state.v, state.w, t)
         if self._canvas.due("battery", t):
             self._canvas.number("battery/volts", t, state.battery_v)
@@ -41,7 +40,6 @@ class Gauges:
         self._canvas.number("battery/rest", t, level.volts)
 
     def draw(self, view: View, holder: str, t: float) -> None:
-        """The page."""
         if self._canvas.due("status", t):
             page = rr.TextDocument(self._page(view, holder, t), media_type=rr.MediaType.MARKDOWN)
             self._canvas.draw("status", t, page)

@@ -80,8 +80,6 @@ UNKNOWN: Final = (-10.0, -10.0, 10.0, 10.0)
 
 
 class GlobalMap:
-    """Draws one robot's world."""
-
     def __init__(self, canvas: Canvas, world: World | None) -> None:
         self._canvas = canvas
         self._robot: Description | None = None

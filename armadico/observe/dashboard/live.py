@@ -101,8 +101,6 @@ class Feed:
 
 
 class Live:
-    """All namespaces, until `stop`."""
-
     def __init__(self, warn: Callable[[str], None]) -> None:
         """`warn` is told what the user should know, a line at a time."""
         self.inbox = Inbox()
@@ -113,7 +111,6 @@ class Live:
         self._alone: set[str] = set()
 
     def add(self, mesh: ZenohMesh, scene: Scene) -> None:
-        """Show one more namespace."""
         feed = Feed(mesh, scene, self.inbox, self.began)
         feed.join()
         self.feeds.append(feed)

@@ -66,7 +66,6 @@ def _opened(client: ViewerClient, recording: Path) -> bool:
 
 
 def main(arguments: list[str]) -> None:
-    """Take one picture."""
     recording, out, *rest = arguments
     numbers = [float(number) for number in rest]
     size = (int(numbers[1]), int(numbers[2])) if len(numbers) > 2 else SIZE

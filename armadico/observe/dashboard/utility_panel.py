@@ -58,7 +58,6 @@ class Contest:
             del self._times[next(iter(self._times))]
 
     def take_claim(self, claim: Claim, t: float) -> None:
-        """The holder's bid."""
         at = self._times.get(claim.cycle, t)
         self._point(claim.resource, claim.ballot.instance, claim.cycle, claim.utility, at)
 

@@ -101,7 +101,6 @@ class Viewer:
         self._log.close()
 
     def _await_port(self) -> None:
-        """Until it listens."""
         deadline = time.monotonic() + START_S
         while not listening(self.port):
             self.check()

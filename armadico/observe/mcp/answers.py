@@ -58,7 +58,6 @@ class Society(Chronicle):
         self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
 
     def take(self, key: str, message: Message | None, t: float) -> None:
-        """See `Chronicle`."""
         super().take(key, message, t)
         if isinstance(message, AssistantRecord):
             self._requests.append((t, message))

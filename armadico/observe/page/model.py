@@ -45,8 +45,6 @@ path, so far apart."""
 
 
 class Robot:
-    """One robot's society."""
-
     def __init__(
         self,
         namespace: str,
@@ -108,7 +106,6 @@ class Robot:
 
     @property
     def view(self) -> View:
-        """What any watcher knows."""
         return self.known.view
 
     # What is shown -------------------------------------------------------------------------------
@@ -141,7 +138,6 @@ class Robot:
 
     @property
     def still(self) -> dict[str, Any]:
-        """What never changes."""
         found = [{"name": each.name, "title": each.title} for each in self.missions.values()]
         return {"missions": found, "world": None if self.world is None else drawn(self.world)}
 

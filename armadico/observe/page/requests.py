@@ -52,8 +52,6 @@ class Order(Asked, frozen=True, tag="order"):
 
 
 class Cancel(Asked, frozen=True, tag="cancel"):
-    """Leave a mission be."""
-
     mission: Number
 
 

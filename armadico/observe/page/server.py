@@ -125,13 +125,11 @@ class Server:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         port: int = next(iter(self._listening.sockets)).getsockname()[1]
         return port
 
     @property
     def watched(self) -> bool:
-        """Whether somebody looks."""
         return bool(self._browsers)
 
     def __enter__(self) -> Server:
@@ -145,19 +143,16 @@ class Server:
     # For the session, on its thread --------------------------------------------------------------
 
     def ready(self, browser: str) -> bool:
-        """See `Browsers`."""
         found = self._browsers.get(browser)
         return found is not None and found.ready
 
     def show(self, browser: str, data: bytes) -> None:
-        """See `Browsers`."""
         found = self._browsers.get(browser)
         if found is not None:
             found.ready = False
             self._loop.call_soon_threadsafe(self._show, found, data)
 
     def tell(self, browser: str, data: bytes) -> None:
-        """See `Browsers`."""
         found = self._browsers.get(browser)
         if found is not None:
             self._loop.call_soon_threadsafe(self._tell, found, data)

@@ -77,7 +77,6 @@ class Session:
     # Called from any thread ----------------------------------------------------------------------
 
     def came(self, browser: str) -> None:
-        """A browser has come."""
         self._inbox.put(f"browser {browser}", self._came, browser)
 
     def said(self, browser: str, data: str | bytes) -> None:
@@ -85,7 +84,6 @@ class Session:
         self._inbox.put(f"browser {browser}", self._said, browser, data)
 
     def left(self, browser: str) -> None:
-        """A browser has gone."""
         self._inbox.put(f"browser {browser}", self._left, browser)
 
     def ring(self) -> None:

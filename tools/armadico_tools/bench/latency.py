@@ -125,7 +125,6 @@ class BarePath:
         self._turns.put(True)
 
     def stop(self) -> None:
-        """End the thread."""
         self._over.set()
         self._turns.put(False)
         if self._thread.is_alive():

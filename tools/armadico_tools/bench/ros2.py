@@ -61,7 +61,6 @@ class Stopwatch:
         self._out, self._in = Decoder(), Decoder()
 
     def hang_up(self) -> bool:
-        """It cannot."""
         return self._line.hang_up()
 
     def write(self, data: bytes) -> None:

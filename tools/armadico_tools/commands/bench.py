@@ -55,7 +55,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico bench",
         "Measure on this machine, on a mesh of its own. Each figure stands beside a floor measured"

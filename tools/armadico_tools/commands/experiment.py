@@ -51,7 +51,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico experiment",
         "Measure a table or figure of the thesis again, on the virtual mesh. What is finished is"

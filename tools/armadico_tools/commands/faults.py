@@ -18,7 +18,6 @@ from armadico_tools.command_options import (
     add_json,
     add_out,
     at_least,
-    look_inside,
     over,
 )
 
@@ -47,14 +46,12 @@ def main(argv: Sequence[str]) -> int:
     _check(args)
     if args.list:
         return _list(as_json=args.json)
-    look_inside("armadico faults")
     if args.repeat is not None:
         return _repeat(args.repeat, as_json=args.json)
     return _series(args)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico faults",
         "The whole society drives shipped scenarios on the virtual mesh while faults befall it,"

@@ -56,7 +56,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser("armadico identify", DESCRIPTION, EXAMPLES)
     made.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files to identify")
     making = made.add_mutually_exclusive_group()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.config.discovery import unknown
-from armadico_tools.command_options import add_jobs, add_json, at_least, look_inside, over
+from armadico_tools.command_options import add_jobs, add_json, at_least, over
 
 if TYPE_CHECKING:
     from armadico_tools.explore.series import Summary
@@ -30,7 +30,6 @@ def main(argv: Sequence[str]) -> int:
     """Go through them; exit code 1 if a promise can be broken."""
     args = parser().parse_args(argv)
     _check(args)
-    look_inside("armadico model-check")
     from armadico_tools.explore import series, world  # noqa: PLC0415 - not for --help
 
     for kind in args.kind:
@@ -48,7 +47,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico model-check",
         "Goes through every run of real contenders and a real owner in which at most so many things"

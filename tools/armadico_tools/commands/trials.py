@@ -54,7 +54,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico trials",
         "Faults on real processes that drive a simulated robot: some are measured, and beside all"
@@ -218,7 +217,6 @@ def _print_violations(what: str, violations: Sequence[Violation]) -> None:
 
 
 def _recording(args: argparse.Namespace) -> int:
-    """Check what was recorded."""
     options.need("mcap", "record")
     from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415

@@ -44,8 +44,6 @@ class Barn:
 
 @dataclass
 class Context:
-    """One experiment under way."""
-
     out: Path  # its own folder, which exists
     runs: int = RUNS  # seeds for each cell
     jobs: int = 1

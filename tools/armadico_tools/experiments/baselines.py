@@ -69,7 +69,6 @@ class Baseline(Behaviour):
         self._way.append((places[-1].x, places[-1].y))
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:  # noqa: ARG002
-        """Certain of itself."""
         goal = self.route.goal
         assert goal is not None, "there is a goal"
         self._at += int(np.argmin([hypot(x - pose.x, y - pose.y) for x, y in self._near()]))

@@ -167,7 +167,6 @@ def drive(task: tuple[str, str, str, int]) -> Carried:
 
 
 def section(runs: Sequence[Carried]) -> str:
-    """The table."""
     header = (
         *(
             "arm",

@@ -103,7 +103,6 @@ class Drive(Struct, frozen=True):
 
     @property
     def metres(self) -> float:
-        """The way travelled."""
         points = [(x, y) for _, x, y, *_ in self.path]
         return sum(hypot(c - a, d - b) for (a, b), (c, d) in pairwise(points))
 

@@ -64,7 +64,6 @@ def scenario_of(world: str) -> Scenario:
 
 
 def drive(task: tuple[str, int]) -> Docked:
-    """Until it charges."""
     world, seed = task
     rehearsal = Rehearsal(scenario_of(world), Options(seed=seed))
     mesh, states = rehearsal.mesh, [ChargeState.NONE]
@@ -90,7 +89,6 @@ def drive(task: tuple[str, int]) -> Docked:
 
 
 def run(context: Context) -> None:
-    """A row a world."""
     runs = context.map(drive, [(w, seed) for w in WAYS for seed in context.seeds], "docking")
     fields = Docked.__struct_fields__
     context.rows("runs", fields, [[getattr(one, field) for field in fields] for one in runs])

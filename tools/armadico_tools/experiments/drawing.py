@@ -102,7 +102,6 @@ def floor(axes: Axes, world: World) -> None:
 
 
 def tidy(axes: Axes) -> None:
-    """Light grid, small numbers."""
     axes.grid(color=FAINT, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, colors=SOFT)

@@ -115,7 +115,6 @@ class Drive:
         return self.rehearsal.watch
 
     def go(self, each_second: Callable[[], None] | None = None) -> Drive:
-        """Drive to the end."""
         mesh = self.rehearsal.mesh
         try:
             self.rehearsal.start()

@@ -120,8 +120,6 @@ class _At(NamedTuple):
 
 
 class Row(Struct, frozen=True):
-    """One exploration."""
-
     world: str
     seed: int
     ended: str  # done, failed, or how far it was at the time limit

@@ -80,11 +80,9 @@ class Puppet(Agent):
         self.dumb = False  # says nothing of its missions, as if its interface agent had died
 
     def on_start(self) -> None:
-        """Begin to number cycles."""
         self.wake_at(self.now + CYCLE_S)
 
     def on_plan_request(self, question: Question) -> Plan:
-        """Straight."""
         request = question.request
         assert isinstance(request, PlanRequest)
         length = hypot(request.goal.x - request.start.x, request.goal.y - request.start.y)
@@ -105,7 +103,6 @@ class Puppet(Agent):
         return MissionReply(self._mission, "", (self._goal,), self._to_go)
 
     def on_wakeup(self) -> None:
-        """One cycle."""
         self.wake_at(self.now + CYCLE_S)
         self._move()
         cycle = self._counter.next(self.now)
@@ -169,7 +166,6 @@ class Band:
         return list(self._agents)
 
     def enter(self, name: str, start: tuple[float, float]) -> None:
-        """A robot comes."""
         self.mesh.watch(self._count, FleetClaims, FleetTasks, namespace=name)
         parameters = PuppetParameters(x=start[0], y=start[1])
         puppet = Puppet(self._identity("puppet", name), parameters)
@@ -195,13 +191,11 @@ class Band:
         self.kill_puppet(name)
 
     def fleet(self, name: str) -> Fleet:
-        """A robot's fleet agent."""
         found = self._agents[name].agent
         assert isinstance(found, Fleet), "it is"
         return found
 
     def puppet(self, name: str) -> Puppet:
-        """A robot."""
         found = self._puppets[name].agent
         assert isinstance(found, Puppet), "it is"
         return found
@@ -249,7 +243,6 @@ class Band:
         self.mesh.cut(self._addresses(others), self._addresses(some))
 
     def heal(self, some: Sequence[str], others: Sequence[str]) -> None:
-        """Undo a cut."""
         self.mesh.heal(self._addresses(some), self._addresses(others))
         self.mesh.heal(self._addresses(others), self._addresses(some))
 

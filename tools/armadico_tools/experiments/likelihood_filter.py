@@ -44,8 +44,6 @@ NEAR_M: Final = 0.15
 
 
 class LikelihoodFilter:
-    """Particles on a map."""
-
     def __init__(self, cells: Cells, rng: np.random.Generator) -> None:
         walls = np.pad(cells.states == OCCUPIED, RIM)
         self.distance: Floats = distance_transform_edt(~walls) * cells.cell_m
@@ -55,7 +53,6 @@ class LikelihoodFilter:
         self._poses: Floats = np.zeros((PARTICLES, 3))
 
     def start(self, pose: Pose2) -> None:
-        """Begin near a pose."""
         drawn = self._rng.standard_normal((PARTICLES, 3)) * (0.15, 0.15, 0.1)
         self._poses = np.asarray(pose) + drawn
 
@@ -85,7 +82,6 @@ class LikelihoodFilter:
 
     @property
     def mean(self) -> Pose2:
-        """The mean pose."""
         x, y, turned = self._poses.T
         heading = np.arctan2(np.sin(turned).mean(), np.cos(turned).mean())
         return float(x.mean()), float(y.mean()), float(heading)

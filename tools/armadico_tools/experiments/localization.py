@@ -34,7 +34,6 @@ NOTE: Final = (
 
 
 def cells() -> list[Cell]:
-    """Each scenario, both ways."""
     return [
         Cell(f"{scenario} {arm}", scenario, besides=besides, sensors="real")
         for scenario in SCENARIOS

@@ -165,8 +165,6 @@ WORLDS: Final[dict[str, Narrow]] = {
 
 
 class Row(Struct, frozen=True):
-    """One run."""
-
     world: str
     robots: int
     seed: int

@@ -96,7 +96,6 @@ class Store:
         self.known = {(run.cell, run.seed, run.key): run for run in self._rows.read()}
 
     def add(self, sample: Sample, key: str) -> None:
-        """Keep a run, now."""
         run = Run(**msgspec.structs.asdict(sample), key=key, commit=self._commit)
         self.known[run.cell, run.seed, key] = run
         self._rows.add(run)

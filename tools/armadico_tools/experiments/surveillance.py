@@ -271,7 +271,6 @@ class Watchman:
 
 
 def day(task: tuple[int, float]) -> Day:
-    """One seed's day."""
     return Watchman(*task).go()
 
 

@@ -18,5 +18,4 @@ NOTE: Final = (
 
 
 def run(context: Context) -> None:
-    """Both columns."""
     real_robot.measure(context, TITLE, "5.4", NOTE, "offices", "offices")

@@ -20,5 +20,4 @@ NOTE: Final = (
 
 
 def run(context: Context) -> None:
-    """All columns."""
     real_robot.measure(context, TITLE, "5.5", NOTE, "floor", "floor-people")

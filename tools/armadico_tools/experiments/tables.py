@@ -150,7 +150,6 @@ def spread_of(samples: Sequence[Sample], field: str) -> Spread | None:
 
 
 def cell(ours: Spread | None) -> str:
-    """Mean, deviation and interval."""
     if ours is None:
         return "-"
     if ours.n == 1:

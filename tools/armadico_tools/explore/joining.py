@@ -86,7 +86,6 @@ class Joiners:
 
     @property
     def at_work(self) -> list[str]:
-        """Who has joined."""
         return [who for who, each in self._those.items() if each.stage is Stage.JOINED]
 
     @property
@@ -143,7 +142,6 @@ class Joiners:
         self._progress(who)
 
     def _progress(self, who: str) -> None:
-        """As `Driver._progress`."""
         admission = self._those[who]
         if admission.stage is Stage.REFUSED:
             return

@@ -52,8 +52,6 @@ class Found:
 
 @dataclass
 class Limits:
-    """How far it goes."""
-
     faults: int = 1
     cycles: int | None = None  # None: until there is no other world
     states: int | None = None
@@ -79,7 +77,6 @@ class Search:
         self._broken: dict[str, Counterexample] = {}
 
     def run(self) -> Found:
-        """Go through them."""
         began = monotonic()
         collected = gc.isenabled()
         gc.disable()  # nothing here is circular, and all of it is kept

@@ -29,7 +29,6 @@ class Task:
     cycles: int | None = None
 
     def run(self) -> Found | JoiningFound:
-        """All runs of it."""
         if isinstance(self.setup, Joining):
             return all_runs(self.setup, self.faults)
         return Search(self.setup, Limits(self.faults, self.cycles)).run()
@@ -62,7 +61,6 @@ class Summary:
     """Counterexamples: what goes otherwise, cycles, the promise, and a test."""
 
     def add(self, found: Found | JoiningFound) -> None:
-        """Add one setup's counts."""
         self.setups += 1
         if isinstance(found, JoiningFound):
             self.states += found.runs

@@ -122,8 +122,6 @@ DRAWS: Final = Draws()
 
 @dataclass
 class Flight:
-    """A message under way."""
-
     due: int
     to: int
     sender: int
@@ -170,7 +168,6 @@ class Side:
 
     @property
     def instance(self) -> str:
-        """Its id."""
         return f"{self.name}-{self.starts}"
 
     def twin(self) -> Side:

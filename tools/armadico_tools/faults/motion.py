@@ -162,7 +162,6 @@ class Smooth:
         self._touched_at = -inf
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """At each true speed."""
         if isinstance(seen, Said) and isinstance(seen.message, Truth):
             if not now.void(self.promise):
                 yield from self._ramps(seen.at, seen.message)

@@ -112,7 +112,6 @@ class Store:
         self._rows = Rows(folder / ROWS, Measured)
 
     def add(self, kind: str, number: int, figures: Mapping[str, float]) -> None:
-        """One trial's figures."""
         about = (self._seed, self._commit)
         self._rows.add(*(Measured(kind, number, name, v, *about) for name, v in figures.items()))
 

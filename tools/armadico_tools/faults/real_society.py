@@ -135,7 +135,6 @@ class RealSociety:
         self._mesh.close()
 
     def host_of(self, name: str) -> str:
-        """Where an agent runs."""
         return self._hosts.get(name, self.place.hosts[0])
 
     # Starting ------------------------------------------------------------------------------------
@@ -247,7 +246,6 @@ class RealSociety:
         return at
 
     def next_agent(self) -> str:
-        """Each agent in turn."""
         label = list(self.agents)[self.count % len(self.agents)]
         self.count += 1
         return label
@@ -342,7 +340,6 @@ class RealSociety:
         return self.account.bids_now(self.agents[label].instance)
 
     def label_of(self, instance: str) -> str:
-        """Who an instance is."""
         found = [a.label for a in self.agents.values() if a.instance == instance]
         return found[0] if found else agent_of(instance)
 

@@ -63,11 +63,9 @@ class Tap:
 
     @property
     def port(self) -> int:
-        """Where the simulator listens."""
         return self._upstream[1]
 
     def close(self) -> None:
-        """Hang up on both."""
         self._stopping.set()
         self._thread.join()
         self._hang_up()

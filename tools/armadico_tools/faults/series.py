@@ -58,7 +58,6 @@ class Summary:
     narrowed: bool = False  # whether only some kinds were made
 
     def add(self, outcome: Outcome) -> None:
-        """Add one seed's counts."""
         self.seeds += 1
         self.seconds += outcome.case.lasts
         self.missions += outcome.missions
@@ -149,7 +148,6 @@ class Ledger:
         return len({ran.seed for ran in mine}), sum(bool(ran.violations) for ran in mine)
 
     def add(self, task: Task, outcome: Outcome) -> None:
-        """Write one down, now."""
         case, longest = outcome.case, outcome.longest_s
         broken = Counter(promise for promise, _, _ in outcome.violations)
         self._rows.add(

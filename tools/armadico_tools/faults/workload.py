@@ -113,8 +113,6 @@ def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | N
 
 
 class Workload:
-    """One case, being run."""
-
     def __init__(self, case: Case, checker: Checker | None = None) -> None:
         self.case = case
         varied = case.variation

@@ -204,7 +204,6 @@ class Situation:
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
     def take(self, seen: Observation) -> None:
-        """Learn from one observation."""
         if self.whole_since == inf and not self.active:
             self.whole_since = self.free_since = seen.at
             self._excused = False

@@ -32,10 +32,7 @@ IMAGE: Final = "armadico"
 START_S: Final = 90
 """What the containers may take until all are healthy."""
 
-INSTEAD: Final = (
-    "Without an engine, `sudo .venv/bin/armadico hosts-demo` shows the same four hosts as network"
-    " namespaces (Linux), and `make run` drives on this machine alone."
-)
+INSTEAD: Final = "Without an engine, `make run` drives on this machine alone."
 
 EXAMPLES: Final = """\
   make demo

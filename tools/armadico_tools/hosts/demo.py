@@ -1,7 +1,7 @@
 """The demo of several hosts: one is lost in the middle of a run, and comes back.
 
-Hosts are whatever can be started, stopped and run commands on: containers, network namespaces. What
-is printed was received by a watcher on one of them.
+Hosts are whatever can be started, stopped and run commands on: containers, and in a test network
+namespaces. What is printed was received by a watcher on one of them.
 """
 
 from __future__ import annotations

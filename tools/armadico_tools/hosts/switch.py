@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import heapq
 import random
-import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import Final
@@ -23,10 +22,6 @@ QUEUE_S: Final = 0.5
 
 Link = tuple[str, str]
 """From a host, to a host."""
-
-
-class LinkError(ValueError):
-    """A description of a link that cannot be understood; the message has an example."""
 
 
 @dataclass(slots=True)
@@ -175,69 +170,3 @@ class Switch:
 def _stream(seed: int, source: str, target: str) -> random.Random:
     name = sha256(f"{seed} {source} {target}".encode()).digest()
     return random.Random(int.from_bytes(name[:8], "big"))
-
-
-# As it is written on a command line ---------------------------------------------------------------
-
-_ENDS = re.compile(r"^(?P<a>[\w.*-]+?)(?P<arrow><->|->)(?P<b>[\w.*-]+)$")
-_TIME = re.compile(r"^(?P<number>\d+(?:\.\d+)?)(?P<unit>ms|s)$")
-_SHARE = re.compile(r"^(?P<number>\d+(?:\.\d+)?)%$")
-_RATE = re.compile(r"^(?P<number>\d+(?:\.\d+)?)(?P<unit>bit|kbit|Mbit)$")
-_BITS: Final = {"bit": 1.0, "kbit": 1e3, "Mbit": 1e6}
-
-KINDS: Final = ("cut", "delay", "jitter", "loss", "duplicate", "reorder", "rate")
-EXAMPLE: Final = "lab2->robot:delay=50ms,jitter=10ms,loss=5%"
-
-
-def parse_link(text: str, hosts: Sequence[str]) -> tuple[list[Link], LinkFaults]:
-    """Read `A->B:FAULT,...`, or `A<->B` for both directions; `*` stands for every host.
-
-    FAULT is cut, delay=50ms, jitter=10ms, loss=5%, duplicate=1%, reorder=2% or rate=1Mbit. Raises
-    `LinkError`.
-    """
-    ends, colon, wrong = text.partition(":")
-    found = _ENDS.match(ends.strip())
-    if found is None or not colon:
-        raise LinkError(f"{text!r} is no link; one looks like {EXAMPLE}")
-    there = [_named(found[side], hosts, text) for side in ("a", "b")]
-    links = [(a, b) for a in there[0] for b in there[1] if a != b]
-    if found["arrow"] == "<->":
-        links += [(b, a) for a, b in links if (b, a) not in links]
-    if not links:
-        raise LinkError(f"{text!r} leads from a host to itself")
-    return links, _faults(wrong, text)
-
-
-def _named(name: str, hosts: Sequence[str], text: str) -> list[str]:
-    if name == "*":
-        return list(hosts)
-    if name not in hosts:
-        raise LinkError(f"{text!r}: no host {name!r}; there are {', '.join(hosts)}, and *")
-    return [name]
-
-
-def _faults(text: str, whole: str) -> LinkFaults:
-    values: dict[str, float | bool] = {}
-    for part in text.split(","):
-        name, equals, value = part.strip().partition("=")
-        if name not in KINDS or (name == "cut") == bool(equals):
-            raise LinkError(
-                f"{whole!r}: {part.strip()!r} is no fault; there are {', '.join(KINDS)}: {EXAMPLE}"
-            )
-        values[name] = True if name == "cut" else _number(name, value, whole)
-    return LinkFaults(**values)  # type: ignore[arg-type]
-
-
-def _number(name: str, value: str, whole: str) -> float:
-    if name in ("delay", "jitter") and (found := _TIME.match(value)):
-        return float(found["number"]) * (1e-3 if found["unit"] == "ms" else 1.0)
-    if name == "rate" and (found := _RATE.match(value)) and float(found["number"]) > 0.0:
-        return float(found["number"]) * _BITS[found["unit"]]
-    if name in ("loss", "duplicate", "reorder") and (found := _SHARE.match(value)):
-        share = float(found["number"]) / 100.0
-        if share <= 1.0:
-            return share
-    example = {"delay": "50ms", "jitter": "10ms", "rate": "1Mbit"}.get(name, "5%")
-    raise LinkError(
-        f"{whole!r}: {name}={value} is out of the question; for instance {name}={example}"
-    )

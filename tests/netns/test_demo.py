@@ -1,4 +1,4 @@
-"""`armadico hosts-demo` as people start it, and trials that need hosts."""
+"""The demo over network namespaces, and trials that need hosts."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from signal import SIGINT
 
 import psutil
 import pytest
 
+from armadico.mesh.link_faults import LinkFaults
+from armadico_tools.hosts.demo import demo
+from tests.netns.hosts import NamespaceHosts
 from tests.programs import Start, starter
 
 pytestmark = pytest.mark.live
@@ -45,12 +47,17 @@ def _tmpdir(process: psutil.Process) -> str:
 
 
 @pytest.mark.timeout(300)
-def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_path: Path) -> None:
+def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     scenario = tmp_path / "short.toml"
     scenario.write_text(SHORT)
-    process = run("hosts-demo", str(scenario), "--link", "*->*:delay=2ms,jitter=1ms")
-    out, errors = process.communicate(timeout=SOON)
-    assert process.returncode == 0, out + errors
+    told: list[str] = []
+    with NamespaceHosts(str(scenario), LinkFaults(delay=0.002, jitter=0.001)) as hosts:
+        code = demo(hosts, str(scenario), told.append)
+        out = "\n".join(told)
+        assert code == 0, f"{out}\n{hosts.last_words()}"
     story = [
         "all agents are alive",
         "lab2 is stopped: goto on lab2 drives",
@@ -60,19 +67,8 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_p
         "goto on lab2 drives",
         "short: reached",
     ]
-    told = iter(out.splitlines())
-    assert all(any(text in line for line in told) for text in story), out
-    assert not left_behind(tmp_path)
-
-
-def test_interrupted_it_leaves_nothing(run: Start, tmp_path: Path) -> None:
-    process = run("hosts-demo", "sc1")
-    assert process.stdout is not None
-    assert "all agents are alive" in process.stdout.readline()
-    process.send_signal(SIGINT)
-    _, errors = process.communicate(timeout=SOON)
-    assert process.returncode == 130, errors
-    assert "Traceback" not in errors
+    lines = iter(out.splitlines())
+    assert all(any(text in line for line in lines) for text in story), out
     assert not left_behind(tmp_path)
 
 
