@@ -65,7 +65,7 @@ LOOK_CYCLES: Final = 3
 """Whether something stands across the way is looked at in each so many-th cycle."""
 
 UNHEARD_S: Final = 2.0
-"""A longer time without poses counts for nothing: no time-out is due to it."""
+"""A longer time without poses counts for nothing: no timeout is due to it."""
 
 PARKING_M: Final = 0.3
 """Nearer to the goal than this there is no other way to it."""
@@ -504,7 +504,7 @@ class Interface(Agent):
         self._across_since = None
 
     def _leave_out(self, unheard: float) -> None:
-        """Count no time without poses: the clock stepped, or nothing is known of what happened."""
+        """Count no time without poses: nothing is known of what happened meanwhile."""
         self._nearest_at = min(self._nearest_at + unheard, self.now)
         self._best_at = min(self._best_at + unheard, self.now)
         self._across_since = None

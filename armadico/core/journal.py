@@ -235,7 +235,7 @@ class Journalled(Driver):
 
     def slow(self, took: float) -> None:
         """See `Driver`."""
-        self._note((SLOW, self.agent.now, took))
+        self._note((SLOW, self.now, took))
         super().slow(took)
 
     def refuse(self, key: str, why: object, now: float) -> None:

@@ -48,9 +48,6 @@ MONITOR_S: Final = 10.0
 everybody is watched by other monitors, if there are any, and by who started it. Those others are
 faster, and whoever was killed in between is another process."""
 
-SLEPT_S: Final = 0.5
-"""Who is woken so much too late has hung itself, and has missed what was said meanwhile."""
-
 HEARD_S: Final = 1.5
 """So long after it has begun the shares of all other hosts have come, s."""
 
@@ -152,7 +149,7 @@ class Wakeup(DeviceAgent):
         self._half = b""  # of a line
         self._load = 0.0
         self._ready = False
-        self._share_at = self._look_at = self._heard_at = 0.0
+        self._share_at = self._heard_at = 0.0
         self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
 
     # Who is there --------------------------------------------------------------------------------
@@ -401,8 +398,6 @@ class Wakeup(DeviceAgent):
 
     def on_wakeup(self) -> None:
         """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
-        if self.now - self._look_at > SLEPT_S:
-            self._reported = dict.fromkeys(self._reported, self.now)
         if self.now >= self._heard_at:
             early, self._early = self._early, []
             for event in early:
@@ -429,10 +424,8 @@ class Wakeup(DeviceAgent):
     def _look_again(self) -> None:
         """Be woken for the next start, or the next share; by then who hangs at start is seen."""
         due = self.supervision.wakeup
-        self._look_at = self._share_at if due is None else min(due, self._share_at)
-        if self._early:
-            self._look_at = min(self._look_at, self._heard_at)
-        self.wake_at(self._look_at)
+        early = [self._heard_at] if self._early else []
+        self.wake_at(min([self._share_at, *early, *([] if due is None else [due])]))
 
     def _became(self, label: str, state: KeptState, why: str = "") -> None:
         process = self._kept[label]

@@ -400,14 +400,3 @@ def test_a_monitor_of_its_own_that_says_nothing_more_is_killed() -> None:
     assert bench.pass_time(2.0) == [(Do.KILL, "monitor")]
     bench.ends("monitor")
     assert bench.pass_time(1.0) == [(Do.START, "monitor")]
-
-
-def test_who_has_hung_itself_blames_no_monitor() -> None:
-    bench = Bench(processes={"monitor": ("monitor",)}, up=False)
-    bench.begins("monitor", 41)
-    bench.meet("monitor-1", 41)
-    bench.hear(MonitorReport("monitor-1", 5, acts=True))
-    bench.take()
-    bench.now += 60.0
-    bench.agent.wake(bench.now)
-    assert bench.done() == []
