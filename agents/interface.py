@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S
+from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.behaviour import LOST_M
@@ -210,7 +210,7 @@ class Interface(Agent):
         return state is not None and self._is_slow(state)
 
     def _is_slow(self, state: RobotState) -> bool:
-        return abs(state.v) <= self.p.slow_m_s and abs(state.w) <= self.p.slow_rad_s
+        return rests(state, self.p.slow_m_s, self.p.slow_rad_s)
 
     def _see_placed(self, pose: Pose | None) -> None:
         """Go on with a mission once the pose is where people have the robot; not too late."""
