@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S
+from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.behaviour import LOST_M
@@ -65,7 +65,7 @@ LOOK_CYCLES: Final = 3
 """Whether something stands across the way is looked at in each so many-th cycle."""
 
 UNHEARD_S: Final = 2.0
-"""A longer time without poses counts for nothing: no time-out is due to it."""
+"""A longer time without poses counts for nothing: no timeout is due to it."""
 
 PARKING_M: Final = 0.3
 """Nearer to the goal than this there is no other way to it."""
@@ -210,7 +210,7 @@ class Interface(Agent):
         return state is not None and self._is_slow(state)
 
     def _is_slow(self, state: RobotState) -> bool:
-        return abs(state.v) <= self.p.slow_m_s and abs(state.w) <= self.p.slow_rad_s
+        return rests(state, self.p.slow_m_s, self.p.slow_rad_s)
 
     def _see_placed(self, pose: Pose | None) -> None:
         """Go on with a mission once the pose is where people have the robot; not too late."""
@@ -503,7 +503,7 @@ class Interface(Agent):
         self._across_since = None
 
     def _leave_out(self, unheard: float) -> None:
-        """Count no time without poses: the clock stepped, or nothing is known of what happened."""
+        """Count no time without poses: nothing is known of what happened meanwhile."""
         self._nearest_at = min(self._nearest_at + unheard, self.now)
         self._best_at = min(self._best_at + unheard, self.now)
         self._across_since = None

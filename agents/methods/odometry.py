@@ -28,13 +28,18 @@ NEAR_M, NEAR_RAD = 0.3, 0.5
 """Within this of zero it was near zero before."""
 
 
+def rests(state: RobotState, slow_m_s: float = SLOW_M_S, slow_rad_s: float = SLOW_RAD_S) -> bool:
+    """Whether the wheels are measured no faster than these, m/s and rad/s."""
+    return abs(state.v) <= slow_m_s and abs(state.w) <= slow_rad_s
+
+
 def may_stand_at(told: InitialPose, state: RobotState | None) -> bool:
     """Whether a pose that people give may be taken on: only of a robot that rests.
 
     The message may be late; a robot that drives would go on from another place.
     """
-    rests = state is not None and abs(state.v) <= SLOW_M_S and abs(state.w) <= SLOW_RAD_S
-    return rests and max(abs(told.x), abs(told.y)) <= NOWHERE_M
+    at_rest = state is not None and rests(state)
+    return at_rest and max(abs(told.x), abs(told.y)) <= NOWHERE_M
 
 
 def begun_anew(before: Pose2, now: Pose2) -> bool:

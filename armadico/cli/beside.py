@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 PORTS: Final = {"dashboard": ("--port=0", "--web-port=0"), "page": ("--port=0",)}
 """The commands that can be beside a run; each takes ports that are free."""
 
+PAGE_ENDS: Final = (
+    "the page ends with this run; `armadico up SCENARIO --page` serves one that stays"
+)
+
 LEAVE_S: Final = 10.0
 """What it may take to leave before it is killed: a dashboard closes a file and a viewer."""
 

@@ -110,7 +110,7 @@ def _live(
     progress: Callable[[FleetWatch], None],
     _: Callable[[str], None],
 ) -> FleetResult:
-    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+    from armadico.cli.beside import PAGE_ENDS, beside  # noqa: PLC0415 - not for --help
     from armadico.launch.fleet import names_of, robots_of  # noqa: PLC0415
     from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415
 
@@ -124,7 +124,10 @@ def _live(
             options.say(
                 f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
             )
-            return run.run(progress)
+            result = run.run(progress)
+            if args.page:
+                options.say(PAGE_ENDS)
+            return result
     except KeyboardInterrupt:
         options.say(
             f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"

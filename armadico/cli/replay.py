@@ -189,8 +189,8 @@ def _all(
     from armadico.cli.pool import over  # noqa: PLC0415 - not for --help
 
     # The longest first, or the last one is waited for.
-    journals = sorted(journals, key=lambda each: -each.size)
-    worth = sum(journal.size for journal in journals) >= WORTH
+    journals = sorted(journals, key=lambda each: -each.frames.size)
+    worth = sum(journal.frames.size for journal in journals) >= WORTH
     jobs = args.jobs or (len(os.sched_getaffinity(0)) if worth else 1)
     items = [(journal, sets.get(journal.name, ())) for journal in journals]
     found = over(_one, items, jobs, "replay")

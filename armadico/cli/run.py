@@ -234,6 +234,10 @@ def _live(
                 options.say(f"{scenario.name}: {run.watch.result().verdict}")
             if args.page and args.limit is None:
                 _stay(run)
+            elif args.page:
+                from armadico.cli.beside import PAGE_ENDS  # noqa: PLC0415 - not for --help
+
+                options.say(PAGE_ENDS)
     except KeyboardInterrupt:
         if not args.attach:  # which has said what it leaves
             options.say(

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 Bids = dict[tuple[str, str], list["BidRecord"]]
 """By instance and resource."""
 
+ABOUT_S: Final = 10.0
+"""Bids of agents that were not asked in time are computed again so long before and after."""
+
 MOST_TOLD: Final = 30
 """Of the exchanges of a recording, at the most, where all that happened is told."""
 
@@ -179,19 +182,20 @@ def _answer(args: argparse.Namespace) -> Told:
     past.check()
     told = _read(args, past, {})
     if isinstance(told.found, Collision | Exchange | Moment) and (silent := unasked(told.found)):
-        again = _gone_through(past, silent)
+        again = _gone_through(past, silent, told.found.t)
         return _read(args, past, again) if again else told
     return told
 
 
-def _gone_through(past: Past, instances: set[str]) -> Bids:
-    """The bids of some by their journals, as far as these come to the same again."""
+def _gone_through(past: Past, instances: set[str], at: float) -> Bids:
+    """The bids of some about a time (s), by their journals, if these come to the same again."""
     from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
 
     found: Bids = {}
     for journal in past.journals(instances):
         replay = Replay(journal)
-        bids = [bid for moment in replay.moments() for bid in moment.bids]
+        to = at + past.began - replay.began
+        bids = [b for one in replay.moments() if abs(one.at - to) <= ABOUT_S for b in one.bids]
         if replay.outcome().equal:
             for bid in bids:
                 found.setdefault((journal.instance, bid.resource), []).append(bid)

@@ -56,6 +56,12 @@ REPORT_S: Final = 5.0
 """What was refused or dropped is reported at most so often."""
 
 
+PAUSE_S: Final = 2.0
+"""An agent that was not run for longer than this, although it was to be, counts only this: its
+process was paused, or its clock was stepped. Its limits are for what it could have observed. It is
+longer than any limit that keeps an agent from acting on what it received before the pause."""
+
+
 @dataclass(frozen=True, slots=True)
 class Announce:
     """Show the agent's liveliness token."""
@@ -79,7 +85,13 @@ Output = Publish | AskFor | Write | Announce | OpenPort | Reply
 
 
 class Driver:
-    """Runs one agent. Everything is called by one thread; times are s, by any one clock."""
+    """Runs one agent. Everything is called by one thread; times are s, by any one clock.
+
+    The agent's own time is that clock's, less what passed at once beyond `PAUSE_S`.
+
+    Attributes:
+        now: When the driver was called last, s by the caller's clock.
+    """
 
     def __init__(
         self,
@@ -98,6 +110,8 @@ class Driver:
             wall: Wall time for the card, s since 1970: for people only.
         """
         self.agent = agent
+        self.now = now
+        self._paused_s = 0.0  # that did not pass for the agent
         self.stage = Stage.LOOKING
         self.refusal = ""  # why it may not join, or stay
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the others
@@ -130,6 +144,7 @@ class Driver:
 
     def begin(self, now: float) -> None:
         """Go as far as it may at once."""
+        self._passes(now)
         if self._admission is None:
             self._look_at = None
             self._start(now)
@@ -151,21 +166,35 @@ class Driver:
         if self.stage is not Stage.JOINED:
             return mine
         due = self.agent.wakeup
-        return mine if due is None else due if mine is None else min(due, mine)
+        if due is None:
+            return mine
+        due += self._paused_s
+        return due if mine is None else min(due, mine)
+
+    def _passes(self, now: float) -> float:
+        """Note the time; what it is for the agent, s."""
+        if now - self.now > PAUSE_S:
+            due = self._due()
+            until = self.now if due is None else max(self.now, due)
+            self._paused_s += max(now - until - PAUSE_S, 0.0)
+        self.now = now
+        return now - self._paused_s
 
     def wake(self, now: float) -> None:
+        own = self._passes(now)
         if self.stage is Stage.JOINED:
             due = self.agent.wakeup
-            if due is not None and now >= due:
-                self.agent.wake(now)
+            if due is not None and now >= due + self._paused_s:
+                self.agent.wake(max(own, due))  # the sum above is rounded
         if self._look_at is not None and now >= self._look_at:
             self._progress(now)
 
     def leave(self, now: float) -> None:
         """Let go of what the agent holds, and rest what it owns."""
         self.agent.outbox.clear()  # half a turn, if there is one, is not sent
+        own = self._passes(now)
         if self.stage is Stage.JOINED:
-            self.agent.stop(now)
+            self.agent.stop(own)
 
     def take(self) -> list[Output]:
         """What is to be sent, each once, in order."""
@@ -185,7 +214,7 @@ class Driver:
                 elif isinstance(item, Answer):
                     self._answer(item)
                 elif isinstance(item, Refused):
-                    self._refuse(item.key, item.why, agent.now)
+                    self._refuse(item.key, item.why, self.now)
                 else:
                     self._out.append(item)
         sent, self._out = self._out, []
@@ -195,6 +224,7 @@ class Driver:
 
     def deliver(self, to: Subscription, key: str, payload: bytes | Message, now: float) -> None:
         """Take what was published on a key, encoded or not."""
+        own = self._passes(now)
         message: Any = payload
         kind = type(message)  # `isinstance` of a message goes through its ABC: slow, and not needed
         if kind is bytes or kind in _ADDRESSED:
@@ -204,12 +234,13 @@ class Driver:
         if self.refused:
             self._report(now)  # what came too soon after the last report
         if self.stage is Stage.JOINED:
-            self.agent.receive(message, now)
+            self.agent.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
-            self.agent.remember(message, now)
+            self.agent.remember(message, own)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
         """Take the news of a liveliness token, whichever way."""
+        own = self._passes(now)
         who = (name, instance)
         if instance == self.agent.instance or alive == (who in self.alive):
             return
@@ -221,7 +252,7 @@ class Driver:
                 self._admission.disappeared(instance, now)
         if self.stage is Stage.JOINED:
             tell = self.agent.appeared if alive else self.agent.disappeared
-            tell(name, instance, now)
+            tell(name, instance, own)
         self._progress(now)
 
     def answers(self, key: str) -> type[Message] | None:
@@ -253,6 +284,7 @@ class Driver:
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Take a query; its `Reply`, with this `call`, comes now or later, or never."""
+        own = self._passes(now)
         if key == self._card_key:
             if self._announced:
                 self._out.append(Reply(call, key, self._card()))
@@ -263,18 +295,19 @@ class Driver:
             if request is None:
                 return
             if type(request) is ParametersRequest:
-                self._out.append(Reply(call, key, self.agent.tune(request, now)))
+                self._out.append(Reply(call, key, self.agent.tune(request, own)))
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
             if len(self._calls) > QUESTIONS:
                 self._calls.popitem(last=False)
-            self.agent.asked(Question(self._call_ids, request), now)
+            self.agent.asked(Question(self._call_ids, request), own)
 
     def replied(self, question: int, reply: Message | None, now: float) -> None:
         """Take the reply to an `AskFor`; None if none came in time, or no more will come."""
+        own = self._passes(now)
         if question >= 0:
-            self.agent.replied(question, reply, now)
+            self.agent.replied(question, reply, own)
             return
         instance = self._cards.pop(question, None)
         if instance is None or self._admission is None:
@@ -283,18 +316,18 @@ class Driver:
         card = reply if isinstance(reply, Card) and reply.instance == instance else None
         self._admission.answered(instance, card, now)
         if card is not None and (card.name, card.instance) in self.alive:
-            self.agent.met(card, now)
+            self.agent.met(card, own)
         self._progress(now)
 
     def received(self, data: bytes, now: float) -> None:
         """Take bytes from the device."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.take_bytes(data, now)
+        self.agent.take_bytes(data, self._passes(now))
 
     def link(self, up: bool, why: str, now: float) -> None:
         """Take the news that the device was opened, or is gone."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.take_link(up, why, now)
+        self.agent.take_link(up, why, self._passes(now))
 
     def slow(self, took: float) -> None:
         """Take how long one delivery or wake-up took, s."""
@@ -308,10 +341,12 @@ class Driver:
 
     def refuse(self, key: str, why: object, now: float) -> None:
         """Count what was refused, or could not be sent, on a key; and now and then say so."""
+        self._passes(now)
         self._refuse(key, why, now)
 
     def report(self, dropped: dict[str, int], now: float) -> None:
         """Say now and then what was dropped or refused."""
+        self._passes(now)
         for key, count in dropped.items():
             self.refused[f"too busy: dropped on {key}"] += count
         self._report(now)
@@ -362,9 +397,10 @@ class Driver:
         """Begin work; who is alive already is told of as if it had come now."""
         self._announce()
         self.stage = Stage.JOINED
-        self.agent.start(now)
+        own = now - self._paused_s
+        self.agent.start(own)
         for name, instance in sorted(self.alive):
-            self.agent.appeared(name, instance, now)
+            self.agent.appeared(name, instance, own)
         if isinstance(self.agent, DeviceAgent):
             self._out.append(OpenPort())
 
@@ -409,7 +445,7 @@ class Driver:
 
     def _may_log(self) -> bool:
         """Whether one more line may go out: so many at once, so many a second for ever."""
-        now = self.agent.now
+        now = self.now
         passed = max(now - self._lines_at, 0.0)
         self._lines = min(self._lines + LINES_A_S * passed, LINES)
         self._lines_at = now

@@ -226,7 +226,7 @@ class Journalled(Driver):
         super().link(up, why, now)
 
     def slow(self, took: float) -> None:
-        self._note((SLOW, self.agent.now, took))
+        self._note((SLOW, self.now, took))
         super().slow(took)
 
     def refuse(self, key: str, why: object, now: float) -> None:

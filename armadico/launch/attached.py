@@ -82,6 +82,7 @@ class AttachedRun(LiveRun):
         """Wait until all agents are alive. Raises RunFailedError if one does not come."""
         began = self.client.mesh.now()
         if not self.client.wait_for(self._complete, SAY_S):
+            self._check_world()  # an agent of another world's scenario is waited for in vain
             self._warn(f"waiting for {self._lacking()}")
         if not self.client.wait_for(self._complete, self.come_s - SAY_S):
             raise RunFailedError(

@@ -11,10 +11,12 @@ restart, which is a SIGKILL, and the rest comes as always. It decides nothing ab
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
+from statistics import median
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
@@ -48,8 +50,21 @@ MONITOR_S: Final = 10.0
 everybody is watched by other monitors, if there are any, and by who started it. Those others are
 faster, and whoever was killed in between is another process."""
 
-SLEPT_S: Final = 0.5
-"""Who is woken so much too late has hung itself, and has missed what was said meanwhile."""
+LATE_S: Final = 0.1
+"""A machine that wakes this agent so late, s, most times cannot keep up: it is a cycle of a robot,
+and a bid that is later answers a cycle that is over."""
+
+LATE_OF: Final = 8
+"""So many wake-ups in a row are judged; there is one each second at least."""
+
+HOLD_S: Final = 60.0
+"""Processes are held back for so long at least, s, and for twice as long each time: to start them
+is work, too."""
+
+HELD: Final = "it is held back: the machine cannot keep up"
+
+PATIENT: Final = 4
+"""So many times as long may a start take on a machine that cannot keep up."""
 
 HEARD_S: Final = 1.5
 """So long after it has begun the shares of all other hosts have come, s."""
@@ -152,7 +167,11 @@ class Wakeup(DeviceAgent):
         self._half = b""  # of a line
         self._load = 0.0
         self._ready = False
-        self._share_at = self._look_at = self._heard_at = 0.0
+        self._share_at = self._heard_at = self._due_at = 0.0
+        self._late: deque[float] = deque(maxlen=LATE_OF)  # by how much it was woken late, s
+        self._held: list[str] = []  # labels
+        self._slow = False
+        self._hold_until, self._holds = 0.0, 0
         self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
 
     # Who is there --------------------------------------------------------------------------------
@@ -240,8 +259,9 @@ class Wakeup(DeviceAgent):
         """That the share is up: all are on the mesh, here or where somebody took them over."""
         if not self._ready and all(
             process.state is KeptState.UP
+            or label in self._held
             or (process.state is KeptState.WAITING and all(map(self._replaced, process.agents)))
-            for process in self._kept.values()
+            for label, process in self._kept.items()
         ):
             self._ready = True
             self._order(Do.READY)
@@ -282,6 +302,10 @@ class Wakeup(DeviceAgent):
             return
         self._reported.pop(process.pid, None)
         process.pid, process.began_at = 0, None
+        if label in self._held:
+            self._became(label, KeptState.WAITING, HELD)
+            self._say_once()
+            return
         if process.state is KeptState.ENDED:  # as somebody asked
             self._tell()
             return
@@ -339,6 +363,8 @@ class Wakeup(DeviceAgent):
         return WakeupReply(line(refusal))
 
     def _start(self, request: WakeupRequest, found: list[str]) -> str:
+        if any(label in self._held for label in found):
+            return HELD
         if any(self._kept[label].state is not KeptState.ENDED for label in found):
             return ""  # it is looked after already
         if not found and request.agent not in self.p.can:
@@ -358,6 +384,8 @@ class Wakeup(DeviceAgent):
     def _restart(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
             return f"{request.agent} is none of its agents"
+        if any(label in self._held for label in found):
+            return HELD
         for label in found:
             process = self._kept[label]
             meant = request.pid in (0, process.pid)
@@ -399,13 +427,15 @@ class Wakeup(DeviceAgent):
 
     def on_wakeup(self) -> None:
         """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
-        if self.now - self._look_at > SLEPT_S:
-            self._reported = dict.fromkeys(self._reported, self.now)
+        self._late.append(self.now - self._due_at)
+        self._keep_up()
         if self.now >= self._heard_at:
             early, self._early = self._early, []
             for event in early:
                 self._ended(event)
         for label in self.supervision.due(self.now):
+            if label in self._held:
+                continue
             replaced = [name for name in self._kept[label].agents if self._replaced(name)]
             if self.supervision.kept_out(label) and replaced:  # it would find out the same
                 self.supervision.ended(label, MISUSED, self.now, replaced=True)
@@ -413,10 +443,11 @@ class Wakeup(DeviceAgent):
             self._became(label, KeptState.STARTING)
             self._order(Do.START, label)
         times = slower(self._load)
+        start_s = START_S * times * (PATIENT if self._slow else 1)
         for label, process in self._kept.items():
-            if process.began_at is not None and self.now - process.began_at >= START_S * times:
+            if process.began_at is not None and self.now - process.began_at >= start_s:
                 process.began_at = None
-                self._kill(label, f"it cannot be seen on the mesh after {START_S * times:.0f} s")
+                self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
             elif self.now - self._reported.get(process.pid, self.now) >= MONITOR_S * times:
                 del self._reported[process.pid]
                 self._kill(label, f"it watches, and has said nothing for {MONITOR_S * times:.0f} s")
@@ -424,13 +455,48 @@ class Wakeup(DeviceAgent):
             self._tell()
         self._look_again()
 
+    def _keep_up(self) -> None:
+        """Hold back what the robot can do without while this machine cannot keep up."""
+        late = median(self._late)
+        if not self._slow and len(self._late) == LATE_OF and late > LATE_S:
+            self._slow = True
+            self._hold_until = self.now + HOLD_S * 2**self._holds
+            self._holds += 1
+            self._hold_back(late)
+        elif self._slow and late < LATE_S / 2 and self.now >= self._hold_until:
+            held, self._held, self._slow = self._held, [], False
+            again = f"; started again: {', '.join(held)}" if held else ""
+            self._order(Do.SAY, text=f"{self.p.host} keeps up again{again}")
+            for label in held:
+                self._became(label, KeptState.STARTING)
+                self._order(Do.START, label)
+
+    def _hold_back(self, late: float) -> None:
+        needed = set(self.p.needs)
+        self._held = [
+            label
+            for label, process in self._kept.items()
+            if needed and process.agents and not needed & set(process.agents)
+            if process.state is not KeptState.ENDED
+        ]
+        for label in self._held:
+            if self._kept[label].pid:
+                self._order(Do.END, label)
+            self._became(label, KeptState.WAITING, HELD)
+        held = f"; held back: {', '.join(self._held)}" if self._held else ""
+        text = (
+            f"{self.p.host} cannot keep up: processes run {late:.2f} s late, a cycle is"
+            f" {LATE_S:g} s (load {self._load:.1f} for each core){held}. End other"
+            " programs, use another host for some agents (--hosts), or do --without some"
+        )
+        self._order(Do.SAY, text=text)
+
     def _look_again(self) -> None:
         """Be woken for the next start, or the next share; by then who hangs at start is seen."""
         due = self.supervision.wakeup
-        self._look_at = self._share_at if due is None else min(due, self._share_at)
-        if self._early:
-            self._look_at = min(self._look_at, self._heard_at)
-        self.wake_at(self._look_at)
+        early = [self._heard_at] if self._early else []
+        self._due_at = min([self._share_at, *early, *([] if due is None else [due])])
+        self.wake_at(self._due_at)
 
     def _became(self, label: str, state: KeptState, why: str = "") -> None:
         process = self._kept[label]

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
+from itertools import islice
 from math import isfinite
 from pathlib import Path
 from random import Random
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import msgspec
 from msgspec import Meta, Struct, msgpack
@@ -37,6 +39,9 @@ JOURNAL: Final = service_of(JournalPiece).key_for(instance="")
 
 LARGEST_FRAME: Final = 64_000_000
 """Bytes that a frame may come to: a damaged one asks for no more memory."""
+
+LENGTH: Final = 4
+"""Bytes in which a frame's length stands before it."""
 
 SAMPLES: Final = 20
 """Frames that are looked at to tell two clocks apart."""
@@ -161,6 +166,43 @@ _READ: Final[Mapping[str, Callable[[str], str]]] = {
 
 
 @dataclass(frozen=True)
+class Frames:
+    """The frames of a journal, read one after another from where its pieces are kept.
+
+    A day of a robot's journals does not fit in memory, so only the places of the pieces are kept.
+    """
+
+    pieces: tuple[tuple[int, Any], ...] = ()  # when each was received, ns since 1970; its place
+    read: Callable[[Iterable[Any]], Iterator[bytes]] = iter  # pieces by places: these are places
+    size: int = 0  # bytes
+
+    def __bool__(self) -> bool:
+        return bool(self.pieces)
+
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        """Each frame, and when it was received, ns since 1970. Raises ValueError and OSError."""
+        for at, frame in self.parts():
+            if at is not None:
+                yield at, frame
+
+    def parts(self) -> Iterator[tuple[int | None, bytes]]:
+        """The same, and at last, with None, what is left of a frame that is not whole."""
+        waiting = b""
+        read = self.read(place for _, place in self.pieces)
+        for (at, _), data in zip(self.pieces, read, strict=True):
+            waiting += data
+            while len(waiting) >= LENGTH and len(waiting) >= (end := LENGTH + _length(waiting)):
+                yield at, waiting[LENGTH:end]
+                waiting = waiting[end:]
+        if waiting:
+            yield None, waiting
+
+
+def _length(frame: bytes) -> int:
+    return int.from_bytes(frame[:LENGTH], "big")
+
+
+@dataclass(frozen=True)
 class Journal:
     """The journal of one instance, as far as a recording has it."""
 
@@ -169,7 +211,7 @@ class Journal:
     instance: str
     head: Head | None  # none: it cannot be gone through again; `fault` says why
     fault: str  # what is wrong with it, or missing; empty if it is whole
-    frames: tuple[tuple[int, bytes], ...]  # when it was received, ns since 1970, and the frame
+    frames: Frames
 
     def entries(self) -> Iterator[Entry]:
         """Its entries in order. Raises ValueError where it is damaged."""
@@ -182,12 +224,7 @@ class Journal:
                 before = number
                 yield entry
 
-    @property
-    def size(self) -> int:
-        """Bytes of its frames."""
-        return sum(len(frame) for _, frame in self.frames)
-
-    @property
+    @cached_property
     def began(self) -> float:
         """When the agent began, s since 1970 by the recorder's clock."""
         try:
@@ -197,68 +234,103 @@ class Journal:
         return self.offset + (float(start[1]) if start else 0.0)
 
     @property
+    def received(self) -> int:
+        """When its first piece was, ns since 1970; 0 without one."""
+        return self.frames.pieces[0][0] if self.frames else 0
+
+    @property
     def offset(self) -> float:
         """What the recorder's clock showed when the agent's showed 0, s: at most so much later.
 
         The least of what some frames say: each was on its way for a while.
         """
-        some = self.frames[:: max(len(self.frames) // SAMPLES, 1)]
         found: list[float] = []
-        for at, frame in some:
-            with suppress(ValueError):  # a damaged one: `entries` says so
-                found.append(at / 1e9 - _last(frame))
+        some = islice(self.frames, 0, None, max(len(self.frames.pieces) // SAMPLES, 1))
+        with suppress(ValueError):  # the file has changed: `entries` says so
+            for at, frame in some:
+                with suppress(ValueError):  # a damaged one: `entries` says so
+                    found.append(at / 1e9 - _last(frame))
         return min(found, default=0.0)
 
 
 class Pieces:
     """Takes the pieces of all journals of a recording, in any order, and puts them together."""
 
-    def __init__(self) -> None:
-        self._pieces: dict[tuple[str, str], dict[int, tuple[int, bytes]]] = defaultdict(dict)
+    def __init__(self, read: Callable[[Iterable[Any]], Iterator[bytes]] = iter) -> None:
+        """Nothing was taken yet.
 
-    def take(self, namespace: str, data: bytes, at: int) -> None:
+        Args:
+            read: What the pieces at some places hold, in their order; by default each place is what
+                the piece holds. It is pickled with a journal.
+        """
+        self._read = read
+        self._pieces: dict[tuple[str, str], dict[int, _Piece]] = defaultdict(dict)
+
+    def take(self, namespace: str, data: bytes, at: int, place: Any = None) -> None:
         """One piece as it was published, at a time (ns since 1970); what is none is left out."""
         try:
             piece = decode(data, JournalPiece)
         except MessageError:
             return
-        self._pieces[namespace, piece.instance].setdefault(piece.number, (at, piece.data))
+        held = piece.data
+        kept = _Piece(at, held if place is None else place, len(held), held[:LENGTH])
+        self._pieces[namespace, piece.instance].setdefault(piece.number, kept)
 
     def journals(self) -> list[Journal]:
         """All journals, by the times at which they began."""
-        found = [_journal(*who, pieces) for who, pieces in self._pieces.items()]
-        return sorted(found, key=lambda one: (one.frames[0][0] if one.frames else 0, one.instance))
+        found = [_journal(*who, pieces, self._read) for who, pieces in self._pieces.items()]
+        return sorted(found, key=lambda one: (one.received, one.instance))
+
+
+class _Piece(NamedTuple):
+    """One piece of a journal, without what it holds."""
+
+    at: int  # when it was received, ns since 1970
+    place: Any
+    size: int
+    begins: bytes  # its first bytes
 
 
 def without(namespace: str, instance: str) -> Journal:
     """An agent that was there, and of whose journal nothing was recorded."""
     why = "it kept no journal: agents that are started with --journal do, or by run --record"
-    return Journal(namespace, instance.rpartition("-")[0], instance, None, why, ())
+    return Journal(namespace, instance.rpartition("-")[0], instance, None, why, Frames())
 
 
-def _journal(namespace: str, instance: str, pieces: Mapping[int, tuple[int, bytes]]) -> Journal:
-    name = instance.rpartition("-")[0]
-    frames, fault = [], ""
+def _journal(
+    namespace: str,
+    instance: str,
+    pieces: Mapping[int, _Piece],
+    read: Callable[[Iterable[Any]], Iterator[bytes]],
+) -> Journal:
+    name, fault = instance.rpartition("-")[0], ""
     first, last = min(pieces), max(pieces)
     if first:
         fault = "the recording began after the agent did: the beginning of its journal is missing"
-        return Journal(namespace, name, instance, None, fault, ())
+        return Journal(namespace, name, instance, None, fault, Frames())
     lost = next((number for number in range(last + 1) if number not in pieces), None)
-    whole = range(last + 1 if lost is None else lost)
+    whole = [pieces[number] for number in range(last + 1 if lost is None else lost)]
     if lost is not None:
         fault = f"a gap: piece {lost} of {last + 1} of its journal was lost"
-    waiting, since = b"", None
-    for number in whole:
-        at, data = pieces[number]
-        waiting, since = waiting + data, at
-        while len(waiting) >= 4 and len(waiting) >= 4 + int.from_bytes(waiting[:4], "big"):
-            end = 4 + int.from_bytes(waiting[:4], "big")
-            frames.append((since, waiting[4:end]))
-            waiting = waiting[end:]
-    if waiting:
-        fault = fault or "its last piece is not whole"
-    head, why = _head(frames[0][1]) if frames else (None, "nothing of its journal was recorded")
-    return Journal(namespace, name, instance, head, why or fault, tuple(frames))
+    frames = Frames(tuple((p.at, p.place) for p in whole), read, sum(p.size for p in whole))
+    if not fault and not _is_whole(whole, frames):
+        fault = "its last piece is not whole"
+    _, first_frame = next(frames.parts(), (None, b""))
+    head, why = _head(first_frame) if first_frame else (None, "nothing of its journal was recorded")
+    return Journal(namespace, name, instance, head, why or fault, frames)
+
+
+def _is_whole(pieces: Sequence[_Piece], frames: Frames) -> bool:
+    """Whether the last frame ends with the last piece.
+
+    Each frame begins with a piece, as journals are written. Others are read to find out.
+    """
+    left = 0
+    for piece in pieces:
+        left = (left or LENGTH + _length(piece.begins)) - piece.size
+        if left < 0 or len(piece.begins) < LENGTH:
+            return all(at is not None for at, _ in frames.parts())
+    return not left
 
 
 def _head(frame: bytes) -> tuple[Head | None, str]:

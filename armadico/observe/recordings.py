@@ -8,16 +8,17 @@ damaged one all whole chunks are read.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct
 
 from armadico.core import messages
-from armadico.core.messages import PROTOCOL, Message
+from armadico.core.messages import PROTOCOL, JournalPiece, Message, decode
 from armadico.observe.journals import JOURNAL, Journal, Pieces, without
 from armadico.observe.recorder import PROFILE, SCHEMA_PREFIX, Here, part
 from armadico.observe.watching import from_object
@@ -41,6 +42,29 @@ class RecordingError(ValueError):
     """A file that is no recording."""
 
 
+Stored = tuple[Path, tuple[int, int]]
+"""Where a message is: in which file, and `salvage.Place`."""
+
+
+def stored(places: Iterable[Stored]) -> Iterator[bytes]:
+    """What some messages of recordings carry, read again; one chunk is in memory at a time.
+
+    Raises ValueError if a file is not as it was any more, and OSError.
+    """
+    from armadico.observe.salvage import Messages  # noqa: PLC0415 - an extra
+
+    for path, those in groupby(places, key=itemgetter(0)):
+        with path.open("rb") as stream:
+            messages = Messages(stream)
+            for _, place in those:
+                try:
+                    yield messages.read(place)
+                except OSError:
+                    raise
+                except Exception as error:  # whatever the decoders make of other bytes
+                    raise ValueError(f"{path} has changed: {error}") from None
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One message of a recording; `t` is when it was received, ns since 1970."""
@@ -50,6 +74,7 @@ class Row:
     key: str
     schema: str  # such as "armadico.Pose"; empty for a payload that is no known message
     data: bytes  # JSON if there is a schema, else as it was sent
+    place: Stored  # where that is
 
     @property
     def topic(self) -> str:
@@ -96,7 +121,7 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
         if (start := stream.read(len(MAGIC))) != MAGIC:
             what = "was cut short in its first bytes" if start else "is empty"
             raise RecordingError(f"{path} {what if MAGIC.startswith(start) else 'is no MCAP file'}")
-        for record in records(stream):
+        for record, place in records(stream):
             kept = [] if record is None else [record]
             lacks = isinstance(record, Message) and record.channel_id not in channels
             if record is None or (lacks and not damage.found):
@@ -115,7 +140,7 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
                 channel = channels[record.channel_id]
                 schema = schemas.get(channel.schema_id)
                 if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # no translator's
-                    yield _row(channel, schema, record.log_time, record.data)
+                    yield _row(channel, schema, record.log_time, record.data, (path, place))
             elif isinstance(record, Statistics):
                 damage.counted(record.message_count)
             elif isinstance(record, Footer):
@@ -165,12 +190,18 @@ class _Damage:
         return f"{(t - self._first) / 1e9:.1f} s"
 
 
-def _row(channel: Channel, schema: Schema | None, t: int, data: bytes) -> Row:
+def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: Stored) -> Row:
     topic = channel.topic.strip("/")
     namespace = channel.metadata.get("namespace", topic.partition("/")[0])
     key = channel.metadata.get("key", topic.partition("/")[2])
     name = schema.name if schema is not None and channel.message_encoding == "json" else ""
-    return Row(t, namespace, key, name, data)
+    return Row(t, namespace, key, name, data, place)
+
+
+def _read_pieces(places: Iterable[Stored]) -> Iterator[bytes]:
+    """What some pieces of journals hold, in that order. Raises ValueError and OSError."""
+    for data in stored(places):
+        yield decode(data, JournalPiece).data
 
 
 class Past:
@@ -233,13 +264,14 @@ class Past:
     def journals(self, instances: Collection[str] | None = None) -> list[Journal]:
         """The journals of these agents, or of all that were there, as far as they were recorded.
 
-        Of who was there and kept none the journal is empty, and its fault says so.
+        Of who was there and kept none the journal is empty, and its fault says so. What they hold
+        stays in the file, and is read there again each time that it is gone through.
         """
-        pieces, there = Pieces(), set()
+        pieces, there = Pieces(_read_pieces), set()
         for row in self.rows():
             if row.key.startswith(JOURNAL) and not row.schema:
                 if instances is None or row.key.removeprefix(JOURNAL) in instances:
-                    pieces.take(row.namespace, row.data, row.t)
+                    pieces.take(row.namespace, row.data, row.t, row.place)
             elif row.schema == HERE and (instances is None or row.fields["instance"] in instances):
                 there.add((row.namespace, row.fields["instance"]))
         found = pieces.journals()

@@ -148,10 +148,9 @@ class Life:
                 now, due_now = j.outputs(given), driver.wakeup
             bids = _since(self.agent, seen)
             seen = bids[-1] if bids else seen
-            at = self.agent.now if entry[0] == j.SLOW else float(entry[1])
             if self.raised and following is not None and following[0] == j.LEAVE and then is None:
                 self.raised = ""  # it failed then, too, and left
-            yield Moment(at - began, entry, then, now, due_then, due_now, bids)
+            yield Moment(float(entry[1]) - began, entry, then, now, due_then, due_now, bids)
             if self.raised:
                 return
             entry = following

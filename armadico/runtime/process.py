@@ -339,7 +339,7 @@ class AgentHost:
         device, now = self._devices.get(driver.agent.instance), self._clock()
         if device is None:
             return
-        if now - driver.agent.now < LEAST_SILENCE_S or self._leaving:
+        if now - driver.now < LEAST_SILENCE_S or self._leaving:
             device.write(item.data)
         else:
             driver.refuse("its device", f"written over {LEAST_SILENCE_S:g} s late", now)

@@ -12,11 +12,10 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.battery_charger import BatteryCharger
-from armadico.agents.methods.errands import Errand, Stage
+from armadico.agents.methods.errands import Stage
 from armadico.config.scenarios import Battery, Scenario, load_scenario
 from armadico.config.worlds import load_world
-from armadico.core.agent import Agent, Identity
-from armadico.core.exchange import Bid
+from armadico.core.agent import Identity
 from armadico.core.geometry import relative
 from armadico.core.messages import (
     BatteryLevel,
@@ -26,17 +25,16 @@ from armadico.core.messages import (
     EnergyRequest,
     Log,
     Message,
-    MissionStatus,
-    Planned,
     Pose,
     RobotState,
-    Trajectory,
     Truth,
     Waypoint,
 )
-from armadico.core.resources import PLANNER, TRAJECTORY, Resource
+from armadico.core.resources import PLANNER, TRAJECTORY
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+
+from .senders import Sender
 
 CHARGING = ("battery-sensor", "battery-charger", "dock")
 E = Waypoint(12.6, 1.2, -1.57)
@@ -44,40 +42,23 @@ SMALL = 0.8
 """Ah: such a battery is charged in minutes."""
 
 
-class Sender(Agent):
+class Rounds(Sender):
     """Stands in for mission planning: has the robot driven to one goal after another."""
 
-    name = "sender"
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
     asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
-    competes_for = (PLANNER, TRAJECTORY)
+    utility = 0.45  # a mission of priority 0.5
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self.errand = Errand(self.rng)
         self.goals: list[Waypoint] = []
         self.reached = 0
-        self.utility = 0.45  # a mission of priority 0.5
 
-    def on_pose(self, pose: Pose) -> None:
-        self.errand.pose(pose)
+    def send(self, pose: Pose) -> None:
         if self.errand.stage is Stage.REACHED:
             self.reached += 1
             self.errand.drop()
         if self.goals and not self.errand.under_way:
             self.errand.go(self.goals.pop(0), pose)
-
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        self.errand.trajectory(trajectory)
-
-    def on_planned(self, planned: Planned) -> None:
-        self.errand.planned(planned)
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        self.errand.status(status)
-
-    def bid_for(self, resource: Resource, message: Any) -> Bid | None:
-        return self.errand.bid_for(resource, self.utility)
 
 
 class Society:
@@ -117,7 +98,7 @@ class Society:
         self.mesh.watch(self._true, Truth)
         self.mesh.watch(self._level, BatteryLevel)
         self.rehearsal.start()
-        self.sender: Any = self.rehearsal.add(Sender).agent
+        self.sender: Any = self.rehearsal.add(Rounds).agent
 
     def _status(self, _key: str, status: Any, now: float) -> None:
         if not self.states or self.states[-1][1] is not status.state:

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods.errands import Errand, Stage
+from armadico.agents.methods.errands import Stage
 from armadico.config.scenarios import load_scenario
-from armadico.core.agent import Agent
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import (
     Claim,
-    Message,
     MissionRequest,
     MissionState,
     MissionStatus,
-    Planned,
     Point,
     Pose,
     RobotState,
-    Trajectory,
     Way,
     Waypoint,
     encode,
 )
-from armadico.core.resources import PLANNER, TRAJECTORY, Resource
+from armadico.core.resources import TRAJECTORY
 from armadico.core.route import Route
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.runtime.errors import MissionRefusedError
+
+from .senders import Sender
 
 A, B, C = Waypoint(1.0, 0.0, 0.0), Waypoint(2.0, 0.0, 0.0), Waypoint(2.0, 2.0, 1.5)
 
@@ -42,43 +40,28 @@ def way(*waypoints: Waypoint, number: int = 1, start: Point = ORIGIN, leg: int =
     return Way(number, waypoints, start, leg)
 
 
-class Sender(Agent):
+class Once(Sender):
     """Has the robot driven to one goal, with a utility."""
 
-    name = "sender"
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
-    competes_for = (PLANNER, TRAJECTORY)
     goal: Waypoint | None = None
-    utility = 0.5
 
     def on_start(self) -> None:
-        self.errand = Errand(self.rng)
         self.stages: list[Stage] = []
         self.sent = False
 
-    def on_pose(self, pose: Pose) -> None:
-        self.errand.pose(pose)
+    def send(self, pose: Pose) -> None:
         if self.goal is not None and not self.sent:
             self.sent = True
             state = self.latest(RobotState)
             self.errand.go(self.goal, pose, state.v if state else 0.0)
 
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        self.errand.trajectory(trajectory)
-
-    def on_planned(self, planned: Planned) -> None:
-        self.errand.planned(planned)
-
     def on_mission_status(self, status: MissionStatus) -> None:
-        self.errand.status(status)
+        super().on_mission_status(status)
         if not self.stages or self.stages[-1] is not self.errand.stage:
             self.stages.append(self.errand.stage)
 
-    def bid_for(self, resource: Resource, message: Any) -> Bid | None:
-        return self.errand.bid_for(resource, self.utility)
 
-
-class Charger(Sender):
+class Charger(Once):
     name = "other"
     utility = 0.9
 
@@ -98,7 +81,7 @@ class Society:
         self.holders: list[tuple[float, str, str]] = []
         self.mesh.watch(self._claimed, Claim)
         self.rehearsal.start()
-        self.sender: Any = self.rehearsal.add(Sender).agent
+        self.sender: Any = self.rehearsal.add(Once).agent
         self.other: Any = self.rehearsal.add(Charger).agent
         self.run(3.0)
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.core.agent import DeviceAgent
+from armadico.core.driver import PAUSE_S
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LEASE, RECONNECT, VirtualMesh
 from armadico.mesh.virtual_network import Clock, Link
@@ -102,10 +103,11 @@ def test_a_cut_without_a_lease_is_noticed_by_nobody() -> None:
     mesh.run(1.0)
     mesh.cut(["talker"], ["listener"])
     mesh.run(5.0)
+    counted = len(listener.seen)
     mesh.heal(["talker"], ["listener"])
     mesh.run(5.1)
     assert [what for _, what in listener.who] == ["+talker"]
-    assert listener.seen[-1][0] > 5.05
+    assert len(listener.seen) > counted
 
 
 def test_two_cuts_of_one_way_heal_with_the_last() -> None:
@@ -129,11 +131,12 @@ def test_who_hangs_for_the_lease_is_gone_and_hears_on_waking_that_all_others_are
     mesh.run(5.0)
     assert "-talker" not in [what for _, what in listener.who]
     node.resume()
-    assert (5.0, "-talker") in listener.who[-1:]
+    ((own, what),) = listener.who[-1:]
+    assert (own, what) == (pytest.approx(1.0 + PAUSE_S, abs=0.02), "-talker"), "by its own time"
     mesh.run(6.0)
     assert [what for _, what in listener.who[-1:]] == ["+talker"]
-    waited = [at for at, _ in listener.seen if 1.0 < at <= 5.0]
-    assert set(waited) == {5.0}
+    waited = [at for at, _ in listener.seen if 1.0 < at <= own]
+    assert set(waited) == {own}
     assert len(waited) < (LEASE + 0.1) / 0.01, "what came after the lease is lost"
 
 

@@ -145,9 +145,10 @@ def test_a_robot_that_is_sent_elsewhere_drives_on_when_an_attached_run_ends() ->
     assert not state.stop.stopped
 
 
-def test_a_run_of_another_world_than_the_societys_is_refused() -> None:
+@pytest.mark.parametrize("rooms", [ideal(load_scenario("rooms-a")), load_scenario("rooms-a")])
+def test_a_run_of_another_world_than_the_societys_is_refused(rooms: Scenario) -> None:
+    """Also where it has agents that this society has not, and that would be waited for."""
     rehearsal = Rehearsal(replace(ideal(load_scenario("house")), goal=None), Options())
-    rooms = ideal(load_scenario("rooms-a"))
     with (
         pytest.raises(RunFailedError, match="up in the world 'house'"),
         AttachedRun(rooms, Options(), VirtualSession(rehearsal.mesh)) as run,

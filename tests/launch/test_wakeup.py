@@ -114,14 +114,14 @@ class Bench:
         assert isinstance(answer, WakeupReply)
         return answer.refusal
 
-    def pass_time(self, seconds: float) -> list[tuple[Do, str]]:
-        """Wake it whenever it wants to be, for so long; what the machine was told."""
+    def pass_time(self, seconds: float, late: float = 0.0) -> list[tuple[Do, str]]:
+        """Wake it whenever it wants to be, or later, for so long; what the machine was told."""
         end, told = self.now + seconds, []
         while (due := self.agent.wakeup) is not None and due <= end:
-            self.now = max(self.now, due)
+            self.now = max(self.now, due) + late
             self.agent.wake(self.now)
             told += self.done()
-        self.now = end
+        self.now = max(self.now, end)
         return told
 
     def share(self) -> HostShare:
@@ -402,12 +402,49 @@ def test_a_monitor_of_its_own_that_says_nothing_more_is_killed() -> None:
     assert bench.pass_time(1.0) == [(Do.START, "monitor")]
 
 
-def test_who_has_hung_itself_blames_no_monitor() -> None:
-    bench = Bench(processes={"monitor": ("monitor",)}, up=False)
-    bench.begins("monitor", 41)
-    bench.meet("monitor-1", 41)
-    bench.hear(MonitorReport("monitor-1", 5, acts=True))
+# A machine that cannot keep up --------------------------------------------------------------------
+
+
+def slow() -> Bench:
+    """A host that needs goto, and has a recorder that it does not; then it is late all the time."""
+    processes = {"goto": ("goto",), "recorder": ("recorder",)}
+    bench = Bench(processes=processes, up=False, needs=("goto",))
+    bench.begins("goto", GOTO)
+    bench.meet("goto-1", GOTO)
+    bench.begins("recorder", 43)
+    bench.meet("recorder-1", 43)
     bench.take()
-    bench.now += 60.0
-    bench.agent.wake(bench.now)
-    assert bench.done() == []
+    return bench
+
+
+def test_a_slow_machine_holds_back_what_is_not_needed_and_says_so_once() -> None:
+    bench = slow()
+    before = len(bench.orders)
+    assert bench.pass_time(12.0, late=0.3) == [(Do.END, "recorder")]
+    bench.ends("recorder", 0)
+    (said,) = [o.text for o in bench.orders[before:] if o.do is Do.SAY]
+    assert "lab1 cannot keep up: processes run 0.30 s late" in said
+    assert "held back: recorder. End other programs" in said
+    assert bench.pass_time(40.0, late=0.3) == [], "it is not started again and again"
+    assert bench.state("recorder") is KeptState.WAITING
+    assert bench.state("goto") is KeptState.UP
+
+
+def test_what_a_slow_machine_needs_is_started_again_and_the_rest_once_it_keeps_up() -> None:
+    bench = slow()
+    bench.pass_time(12.0, late=0.3)
+    bench.ends("recorder", 0)
+    bench.ends("goto")
+    assert bench.pass_time(2.0, late=0.3) == [(Do.START, "goto")]
+    bench.begins("goto", GOTO + 10)
+    bench.meet("goto-2", GOTO + 10)
+    assert bench.pass_time(30.0) == [], "a pause of the load is not the end of it"
+    assert bench.pass_time(40.0) == [(Do.START, "recorder")]
+
+
+def test_a_pause_is_no_slow_machine() -> None:
+    bench = slow()
+    for _ in range(3):
+        assert bench.pass_time(4.0) == []
+        bench.now += 60.0
+    assert bench.pass_time(5.0) == []

@@ -10,11 +10,10 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.methods import procedures
-from armadico.agents.methods.errands import Errand, Stage
+from armadico.agents.methods.errands import Stage
 from armadico.agents.path_planning import PathPlanning
 from armadico.config.scenarios import Battery
-from armadico.core.agent import Agent, Identity, Question
-from armadico.core.exchange import Bid
+from armadico.core.agent import Agent, Question
 from armadico.core.messages import (
     LARGEST_PAYLOAD,
     Alarm,
@@ -38,12 +37,10 @@ from armadico.core.messages import (
     StepEnd,
     Subplan,
     SubplanRequest,
-    Trajectory,
     Waypoint,
     encode,
 )
 from armadico.core.planner import Planner, Surprise
-from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 from armadico.core.tasks import Beliefs, Done, Task
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
@@ -52,6 +49,7 @@ from armadico.observe.measures import RunWatch
 from armadico.runtime import client
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 from armadico_tools.building import SURVEY, Building, text
+from tests.agents.senders import Sender
 
 NEAR = 'do = "move", to = "R2"'
 NEAR_ONLY = f"steps = [{{ {NEAR} }}]"
@@ -449,37 +447,19 @@ def test_an_alarm_in_no_room_is_ignored_however_many_there_are() -> None:
     assert building.board.alarms == ("R21",)
 
 
-class Urgent(Agent):
+class Urgent(Sender):
     """Has the robot driven to R2, whatever it stands for."""
 
     name = "urgent"
-    hears = (Pose, Trajectory, Planned, MissionStatus)
-    competes_for = (PLANNER, TRAJECTORY)
+    utility = 0.9
+    _sent = False
 
-    def __init__(self, identity: Identity, parameters: Any = None) -> None:
-        super().__init__(identity, parameters)
-        self.errand = Errand(self.rng)
-        self._sent = False
-
-    def on_pose(self, pose: Pose) -> None:
-        self.errand.pose(pose)
+    def send(self, pose: Pose) -> None:
         if not self._sent:
             self._sent = True
             self.errand.go(Waypoint(2.0, 2.0, 0.0), pose)
         elif self.errand.stage is Stage.REACHED:
             self.errand.drop()
-
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        self.errand.trajectory(trajectory)
-
-    def on_planned(self, planned: Planned) -> None:
-        self.errand.planned(planned)
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        self.errand.status(status)
-
-    def bid_for(self, resource: Resource, message: Any) -> Bid | None:
-        return self.errand.bid_for(resource, 0.9)
 
 
 # What the steps did not foresee -------------------------------------------------------------------

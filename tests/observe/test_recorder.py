@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import resource
+import struct
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -473,3 +475,51 @@ def test_a_chunk_that_holds_more_than_it_declares_is_damaged_and_not_unpacked(
     chunk = Chunk(compression, packed, 0, 0, 0, 100)
     with pytest.raises(ValueError, match=r"size|contents"):
         salvage._unpacked(chunk)
+
+
+class Counted(BytesIO):
+    """A file that counts the bytes that are read of it."""
+
+    work = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        self.work += len(data)
+        return data
+
+
+def heads(count: int) -> bytes:
+    """Chunks that each hold all that follow, and some packed bytes; then no record."""
+    packed = zstandard.compress(bytes(range(256)) * 4)
+    found = b""
+    for _ in range(count):
+        rest = packed + found
+        fields = struct.pack("<QQQII4sQ", 0, 0, 1024, 7, 4, b"zstd", len(rest))
+        found = b"\x06" + struct.pack("<Q", len(fields) + len(rest)) + fields + rest
+    return found + bytes(100)
+
+
+def test_bytes_that_look_like_many_chunks_cost_work_by_their_number_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each is read to the file's end, and unpacked, to find out that its checksum is wrong."""
+    monkeypatch.setattr(salvage, "AT_LEAST", 0)
+    unpacked, real = list[int](), salvage._unpacked
+
+    def unpack(chunk: Chunk) -> bytes:
+        unpacked.append(chunk.uncompressed_size)
+        return real(chunk)
+
+    monkeypatch.setattr(salvage, "_unpacked", unpack)
+    data = heads(1000)
+    stream = Counted(data)
+    assert [record for record, _ in salvage.records(stream)] == [None]
+    assert unpacked, "they are tried"
+    assert stream.work + sum(unpacked) < 2 * salvage.FAILING * len(data)
+    assert 1000 * len(data) / 2 > 4 * salvage.FAILING * len(data), "which they would else cost"
+
+
+def test_a_chunk_that_holds_hundreds_of_times_its_bytes_is_damaged() -> None:
+    packed = zstandard.compress(bytes([6]) * 2**20)
+    with pytest.raises(ValueError, match="too large"):
+        salvage._unpacked(Chunk("zstd", packed, 0, 0, 0, 2**20))

@@ -26,7 +26,7 @@ from armadico.core.messages import PROTOCOL, Alarm, JournalPiece, Message, decod
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import LinkFaults
-from armadico.observe.journals import Journal
+from armadico.observe.journals import Frames, Journal
 from armadico.observe.recorder import McapFile, Recording
 from armadico.observe.recordings import Past, rows
 from armadico.observe.replay import Life, Replay, replayed
@@ -245,7 +245,7 @@ def first_entries(journal: Journal, *entries: list[Any]) -> Journal:
         journal.instance,
         journal.head,
         "",
-        ((journal.frames[0][0], frame),),
+        Frames(((journal.received, len(frame).to_bytes(4, "big") + frame),)),
     )
 
 
