@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from armadico.agents.methods import monte_carlo
-from armadico.agents.methods.global_search import Alternative, Model, Search, apart
+from armadico.agents.methods.global_search import Alternative, Model, Place, Search, apart
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
@@ -64,6 +64,11 @@ AGAIN_S = 3.0
 
 UNSETTLED_S = 6.0
 """So long a doubt may last without a new reading, and so may readings that fit by chance."""
+
+STAYED = 30.0
+"""So many times likelier than each other place is the one where the robot would be if it had not
+been moved: readings of what is on no map make it lost more often than people lift it. In a room
+that looks the same from both ends only this tells the two apart."""
 
 PARTICLES_S = 0.5
 """From one publication of particles to the next, for displays."""
@@ -203,6 +208,7 @@ class Localization(Agent):
         self._lost = self.p.start == "anywhere"
         self._spread = False  # lost since the particles spread: they may converge again
         self._at: Pose2 | None = None  # the estimate a cycle ago
+        self._stayed: Pose2 | None = None  # where it is if it was not moved when it got lost
         self._since: float | None = None  # when it began to seem lost
         self._search: Search | None = None  # under way
         self._searched = 0  # news when the last search began,
@@ -261,13 +267,14 @@ class Localization(Agent):
             return
         if another and begun_anew(before, odometry):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
-            self._search, self._searched = None, 0
+            self._search, self._searched, self._stayed = None, 0, None
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
         if self._search is not None:
             self._search.move(motion)
         self._at = None if self._at is None else compose(self._at, motion)
+        self._stayed = None if self._stayed is None else compose(self._stayed, motion)
         self._best = compose(self._best, motion)
         self._elsewhere = compose(self._elsewhere, motion)
         self._seek()  # each cycle, however seldom there are readings
@@ -453,6 +460,7 @@ class Localization(Agent):
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
                 f" they fit by {other.fit:.2f} at {_place(other.pose)}"
             )
+            self._stayed = here
 
     def _better(self, other: Alternative) -> bool:
         """Whether another place explains the readings, and this one does not.
@@ -469,12 +477,14 @@ class Localization(Agent):
     def _lose(self, why: str, *, spread: bool = False) -> None:
         self._lost, self._spread, self._since = True, spread, None
         self._sure = self._unproved = 0
-        self._search = None
+        self._search = self._stayed = None
         self.log(f"the robot is lost: {why}", WARNING)
 
     def _find(self, pose: Pose2, proofs: int) -> None:
         self._lost, self._since, self._unproved = False, None, proofs
         self._doubted, self._verdicts, self._searched = False, 0, 0
+        if not proofs or (self._stayed is not None and apart(pose, self._stayed)):
+            self._stayed = None
         self._search, self._at = None, pose
         self.log(f"the robot is found: at {_place(pose)}")
 
@@ -484,9 +494,9 @@ class Localization(Agent):
         One place has to be much better than all others, several times in a row while the robot goes
         on: a wrong place is worse than a late one.
         """
-        if not (places := search.places):
+        if not search.places:
             return
-        best = places[0]
+        best = self._likeliest(search)
         if self._lost and not self._spread:
             self._filter.gather(search)  # for the next search, and for what relocate compares
         sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
@@ -502,7 +512,18 @@ class Localization(Agent):
         if self._sure >= self.p.found_times * (2 if self._spread else 1):
             if self._spread:
                 self._filter.gather(search)
+            elif best.pose == self._stayed:  # which the search itself may not have among its best
+                self._filter.start_at(best.pose, self.p.start_m, self.p.start_rad)
             self._find(best.pose, self.p.proved_times)
+
+    def _likeliest(self, search: Search) -> Place:
+        """The best place, with the odds for the one where the robot is if it was not moved."""
+        if self._stayed is None or (place := search.staying(self._stayed, STAYED)) is None:
+            return search.places[0]
+        if place.share < 0.5 or apart(place.pose, self._stayed):
+            return search.places[0]
+        self._stayed = place.pose
+        return place
 
     def _watch_fit(self) -> None:
         """Report readings that fit the map badly on average; the robot is slow until they fit."""

@@ -50,6 +50,9 @@ FINER: Final = ((1.0, 60, 5), (0.4, 20, 8), (0.25, 12, 24), (0.12, 12, 40))
 """Rounds in which the best guess about each place is refined: the spread in shares of `NEAR_BY`,
 the number of places that are left then, and the number of guesses about each."""
 
+STAYING: Final = 60
+"""Guesses about the pose of a robot that was not moved."""
+
 FIRST: Final = (4, 8, 16)
 """After so many readings, of all in a random order, the worse two thirds of places are dropped."""
 
@@ -320,6 +323,37 @@ class Search:
             exp(leave[back, best] / pings[back]),
             exp(stay[back] / pings[back]),
             float(odds[-1].max()),
+        )
+
+    def staying(self, here: Pose2, odds: float) -> Place | None:
+        """The best place near a pose, by itself so many times as likely as each other one.
+
+        Readings that are too short there are excused, as in `alternative`. None if there is no
+        result.
+
+        Args:
+            here: Where the robot is now if it was not moved: m, m, rad.
+            odds: Before any reading.
+        """
+        if not len(self._logs):
+            return None
+        begun = np.array([*compose(here, relative(self._motion, STOOD)), 0.0, 0.0], np.float32)
+        noise = self._rng.standard_normal((STAYING, 5), dtype=np.float32)
+        about = begun + noise * np.concatenate([NEAR_BY, self._wheels])
+        near = [not apart(place.pose, here) for place in self.places]
+        guesses = np.concatenate([begun[None], about, self._guesses[near]])
+        logs = -0.5 * ((guesses[:, 3:] / self._wheels) ** 2).sum(axis=1, dtype=np.float64)
+        for at in self._stretch:
+            logs += self._likely(guesses, at, excused=True)
+        best = int(logs.argmax())
+        others = self._logs[~np.array(near)]
+        against = np.exp((others - logs[best]) / self._settings.rival).sum() / odds
+        x, y, theta = _bent(guesses[best : best + 1], self._motion, self._way, self._turn)[0]
+        pings = sum(at.pings for at in self._stretch)
+        return Place(
+            (float(x), float(y), wrap(float(theta))),
+            float(1.0 / (1.0 + against)),
+            exp(logs[best] / pings),
         )
 
     # Inside: generators, which yield the work that was just done ----------------------------------

@@ -482,6 +482,19 @@ def test_rooms_that_are_alike_share_what_is_believed() -> None:
     assert 0.1 < second.share <= first.share < 0.9
 
 
+def test_of_rooms_that_are_alike_the_one_where_it_was_is_likelier_and_no_other_place_is() -> None:
+    search = searched(lost([*WALLS, *((x1 + 8, y1, x2 + 8, y2) for x1, y1, x2, y2 in WALLS)], 150))
+    for place in search.places[:2]:
+        stays = search.staying(place.pose, 30.0)
+        assert stays is not None
+        assert stays.share > 0.9
+        assert hypot(stays.pose[0] - place.pose[0], stays.pose[1] - place.pose[1]) < 0.1
+    x, y, theta = search.places[0].pose
+    elsewhere = search.staying((x, y, theta + pi / 2), 30.0)
+    assert elsewhere is not None
+    assert elsewhere.share < 0.05
+
+
 def test_without_readings_no_place_is_found() -> None:
     particles = lost(WALLS, 60)
     assert particles.history.news > 5
