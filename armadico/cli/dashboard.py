@@ -1,4 +1,4 @@
-"""Show a society live: maps, utilities and holders, speeds, agents and what they publish.
+"""Show a society live in Rerun: the global and the local map, utilities and holders over time.
 
 One process that subscribes to the mesh; no agent notices whether it runs, is slow or hangs.
 """
@@ -88,8 +88,8 @@ def zones() -> Zones:
 def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico dashboard",
-        "Show a society live: maps, utilities and holders, speeds, agents and what they publish."
-        " Everything is served on this machine's loopback only.",
+        "Show a society live in Rerun: the global and the local map, utilities and holders over"
+        " time. Everything is served on this machine's loopback only.",
         EXAMPLES,
     )
     where = made.add_mutually_exclusive_group()
@@ -154,18 +154,16 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
     from armadico.observe.dashboard.scene import Scene  # noqa: PLC0415
     from armadico.observe.dashboard.server import close, serve  # noqa: PLC0415
 
-    viewer.check_version()
     port = viewer.checked_port(args.port, "--port")
-    live = Live(options.teller("armadico dashboard"))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: live.stop())
     with ExitStack() as stack:
         recording, uri = serve(worlds, port, args.record)
         stack.callback(close, recording)
-        for mesh in options.join_each(args, list(worlds)):
-            stack.enter_context(mesh)
-            scene = Scene(recording, worlds[mesh.namespace], mesh.namespace, zones())
-            live.add(mesh, scene)
+        meshes = [stack.enter_context(mesh) for mesh in options.join_each(args, list(worlds))]
+        spaces = [mesh.namespace for mesh in meshes]
+        scenes = [Scene(recording, worlds[space], space, zones()) for space in spaces]
+        live = Live(meshes, scenes, options.teller("armadico dashboard"))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: live.stop())
         window = _open(args, uri)
         if window is not None:
             stack.enter_context(window)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from armadico.core.messages import BidHistory, BidRecord, MessageError
 from armadico.observe.recorder import REFUSED, McapFile
-from armadico.observe.recordings import HERE, KINDS, RecordingError, Row, Warn, rows
+from armadico.observe.recordings import KINDS, RecordingError, Row, Warn, rows
 from armadico.observe.translators import Translator, translator
 from armadico.observe.watching import json_schema
 
@@ -163,10 +163,6 @@ def to_rrd(
 
 def _draw(scene: Scene, row: Row, t: float) -> bool:
     """Show one message to the scene, if it is one."""
-    if row.schema == HERE:
-        here = row.fields
-        scene.alive(here["instance"], here["there"], t)
-        return True
     try:
         message = row.message
     except MessageError:
@@ -174,7 +170,7 @@ def _draw(scene: Scene, row: Row, t: float) -> bool:
     if isinstance(message, BidRecord):
         message = BidHistory(row.key.split("/")[2], (message,))
     if message is not None:
-        scene.take(row.key, message, t)
+        scene.take(message, t)
     return message is not None
 
 

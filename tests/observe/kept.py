@@ -67,9 +67,6 @@ class Kept:
         """(t, value) of a component that has one value a row."""
         return [(round(t, 3), parts[component][0]) for t, parts in self.rows.get(path, [])]
 
-    def texts(self, path: str) -> list[str]:
-        return [text for _, text in self.values(path, "text")]
-
 
 @contextmanager
 def drawn(path: Path, world: World | None = None) -> Iterator[Scene]:

@@ -363,7 +363,7 @@ def test_a_recording_is_drawn_as_the_dashboard_would(tmp_path: Path) -> None:
         Heard("robot1", "encoder/pose", b"broken", 5),
     )
     warnings: list[str] = []
-    assert to_rrd(path, out, None, None, {}, warnings.append) == 4
+    assert to_rrd(path, out, None, None, {}, warnings.append) == 3
     assert not warnings
     assert out.stat().st_size > 1000
 

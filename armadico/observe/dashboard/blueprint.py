@@ -12,11 +12,8 @@ from armadico.core.resources import WHEELS
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import TIMELINE
 
-WINDOW_S: Final = 40.0
-"""What the curves show: so many seconds up to now,"""
-
-LEGEND_S: Final = 10.0
-"""and before them so many that the legend lies over."""
+WINDOW_S: Final = 50.0
+"""The curves show this many seconds up to now; the legend covers the first ten."""
 
 MARGIN: Final = 0.05
 """Of a world's size, around it."""
@@ -24,35 +21,15 @@ MARGIN: Final = 0.05
 LOCAL_REACH_M: Final = 2.6
 """How far the local map is shown: the outermost ring is at 2.5 m."""
 
-GRAPH_X: Final = (-130.0, 800.0)
-GRAPH_Y: Final = (-260.0, 260.0)
-"""The part of the graph that is shown first, in its own points."""
-
-BATTERY_V: Final = (10.0, 14.0)
-"""A Pioneer's lead accumulator, from what it should be charged at to full."""
-
 UTILITY: Final = (-0.05, 1.05)
 
-VIEWS: Final = (
-    "Global map",
-    "Who says what",
-    "Who is there",
-    "Log",
-    "Local map",
-    "Robot",
-    "Battery (V)",
-    "Utilities",
-    "Holder of the wheels",
-    "Holders",
-    "Speed (m/s)",
-    "Turning (rad/s)",
-)
+VIEWS: Final = ("Global map", "Local map", "Utilities", "Holder of the wheels", "Holders")
 """The names of the views of one robot."""
 
 
-def blueprint(worlds: Mapping[str, World | None], *, graph: bool = False) -> rrb.Blueprint:
-    """One page a namespace, or the only one; `graph`: with the graph before the global map."""
-    pages = [_page(namespace, world, graph) for namespace, world in worlds.items()]
+def blueprint(worlds: Mapping[str, World | None]) -> rrb.Blueprint:
+    """A tab for each namespace, or the only one's views."""
+    pages = [_page(namespace, world) for namespace, world in worlds.items()]
     return rrb.Blueprint(
         pages[0] if len(pages) == 1 else rrb.Tabs(*pages),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),
@@ -63,95 +40,49 @@ def blueprint(worlds: Mapping[str, World | None], *, graph: bool = False) -> rrb
     )
 
 
-def _page(namespace: str, world: World | None, graph: bool) -> rrb.Horizontal:
+def _page(namespace: str, world: World | None) -> rrb.Horizontal:
     root = f"/{namespace.strip('/')}"
-    return rrb.Horizontal(
-        _left(root, world, graph), _right(root), column_shares=[10, 9], name=namespace
-    )
-
-
-def _left(root: str, world: World | None, graph: bool) -> rrb.Vertical:
-    return rrb.Vertical(
-        rrb.Tabs(
-            rrb.Spatial2DView(
-                origin=f"{root}/map",
-                name="Global map",
-                visual_bounds=_bounds(world),
-                background=palette.BACKGROUND,
-            ),
-            rrb.GraphView(
-                origin=f"{root}/society/graph",
-                name="Who says what",
-                visual_bounds=rrb.VisualBounds2D(x_range=GRAPH_X, y_range=GRAPH_Y),
-            ),
-            active_tab=int(graph),
-        ),
-        rrb.Horizontal(
-            rrb.Tabs(
-                rrb.TextDocumentView(origin=f"{root}/society/table", name="Who is there"),
-                rrb.TextLogView(origin=f"{root}/log", name="Log"),
-                active_tab=0,
-            ),
-            _curves(f"{root}/battery", "Battery (V)", BATTERY_V, legend=False),
-            column_shares=[5, 2],
-        ),
-        row_shares=[8, 5.4],
-    )
-
-
-def _right(root: str) -> rrb.Vertical:
     reach = [-LOCAL_REACH_M, LOCAL_REACH_M]
-    local = rrb.VisualBounds2D(x_range=reach, y_range=reach)
-    return rrb.Vertical(
-        rrb.Horizontal(
+    now = rrb.TimeRangeBoundary.cursor_relative
+    window = rrb.VisibleTimeRange(TIMELINE, start=now(seconds=-WINDOW_S), end=now())
+    whole, local, utilities, wheels, holders = VIEWS
+    return rrb.Horizontal(
+        rrb.Spatial2DView(
+            origin=f"{root}/map",
+            name=whole,
+            visual_bounds=_bounds(world),
+            background=palette.BACKGROUND,
+        ),
+        rrb.Vertical(
             rrb.Spatial2DView(
                 origin=f"{root}/local",
-                name="Local map",
-                visual_bounds=local,
+                name=local,
+                visual_bounds=rrb.VisualBounds2D(x_range=reach, y_range=reach),
                 background=palette.BACKGROUND,
             ),
-            rrb.TextDocumentView(origin=f"{root}/status", name="Robot"),
-            column_shares=[5, 4],
+            rrb.TimeSeriesView(
+                origin=f"{root}/utility",
+                name=utilities,
+                axis_y=rrb.ScalarAxis(range=UTILITY),
+                plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+                time_ranges=window,
+            ),
+            rrb.Tabs(  # at 1280 x 720 there is room for one lane, which the wheels get
+                rrb.StateTimelineView(
+                    origin=f"{root}/holders/{WHEELS.name}", name=wheels, time_ranges=window
+                ),
+                rrb.StateTimelineView(origin=f"{root}/holders", name=holders, time_ranges=window),
+                active_tab=0,
+            ),
+            row_shares=[9, 6, 3.5],
         ),
-        _curves(f"{root}/utility", "Utilities", UTILITY),
-        rrb.Tabs(  # at 1280 x 720 there is room for one lane: the wheels have it
-            _lanes(f"{root}/holders/{WHEELS.name}", "Holder of the wheels"),
-            _lanes(f"{root}/holders", "Holders"),
-            active_tab=0,
-        ),
-        rrb.Horizontal(
-            _curves(f"{root}/speed/v", "Speed (m/s)"),
-            _curves(f"{root}/speed/w", "Turning (rad/s)", legend=False),
-        ),
-        row_shares=[8.1, 4.9, 3.2, 4.3],
+        column_shares=[11, 8],
+        name=namespace,
     )
-
-
-def _curves(
-    origin: str, name: str, span: tuple[float, float] | None = None, *, legend: bool = True
-) -> rrb.TimeSeriesView:
-    """Curves over the window, and the legend beside it."""
-    return rrb.TimeSeriesView(
-        origin=origin,
-        name=name,
-        axis_y=None if span is None else rrb.ScalarAxis(range=span),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
-        time_ranges=_window(),
-    )
-
-
-def _lanes(origin: str, name: str) -> rrb.StateTimelineView:
-    """A lane for each resource under a path, with its holders over the window."""
-    return rrb.StateTimelineView(origin=origin, name=name, time_ranges=_window())
-
-
-def _window() -> rrb.VisibleTimeRange:
-    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S - LEGEND_S)
-    return rrb.VisibleTimeRange(TIMELINE, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
 
 
 def _bounds(world: World | None) -> rrb.VisualBounds2D | None:
-    """The world, y up, and a margin; without a world the view finds its own."""
+    """The world and a margin, with y up; without a world the view finds its own."""
     if world is None:
         return None
     x1, y1, x2, y2 = world.bounds

@@ -1,7 +1,7 @@
-"""Where a scene draws: one root in a recording, one clock, and a rate for each entity.
+"""Where a scene draws: one root in a recording, one timeline, and a rate for each entity.
 
-Rerun keeps every row it is given, so what is drawn how often decides how much memory an hour takes.
-`RATES_HZ` is that decision: what is not in it is drawn as it comes, up to `FASTEST_HZ`.
+Rerun keeps every row, so the drawing rates decide how much memory an hour takes. An entity that is
+not in `RATES_HZ` is drawn at up to `FASTEST_HZ`.
 """
 
 from __future__ import annotations
@@ -20,21 +20,16 @@ RATES_HZ: Final[dict[str, float]] = {
     "map/world/path": 1.0,
     "map/world/mapped": 0.5,
     "map/world/echoes": 1.0,
-    "map/world/robot/sonar": 5.0,
     "map/world/particles": 4.0,
     "map/world/unsure": 5.0,
-    "map/world/odom": 5.0,
     "local/robot/sonar": 5.0,
     "local/robot/scan": 5.0,
-    "local/cells": 4.0,
+    "local/robot/cells": 4.0,
     "local/robot/zones": 5.0,
-    "battery": 1.0,
-    "status": 2.0,
-    "society/table": 1.0,
 }
 
 EARLY: Final = 0.2
-"""A drawing may come this share of its period too early, since cycles do not come exactly."""
+"""An entity may be drawn this share of its period too early, because cycles jitter."""
 
 Colour = tuple[int, int, int, int]
 """Red, green, blue and opacity, 0 to 255."""
@@ -47,7 +42,7 @@ def rgba(hexadecimal: str, alpha: int = 255) -> Colour:
 
 
 def pixels(width: float) -> float:
-    """A radius in points of the screen, whatever the zoom; rerun takes positive ones for metres."""
+    """A radius in points of the screen at any zoom; rerun takes positive radii for metres."""
     return -width
 
 
@@ -62,7 +57,7 @@ class Canvas:
     def due(self, path: str, t: float) -> bool:
         """Whether an entity may be drawn at t (s), by its rate; true counts as drawn.
 
-        Time that goes back, as in a recording that is played again, starts afresh.
+        A time before the last one, as in a recording that is played again, starts afresh.
         """
         before = self._drawn_at.get(path)
         period = 1.0 / RATES_HZ.get(path, FASTEST_HZ)
@@ -79,10 +74,3 @@ class Canvas:
     def fix(self, path: str, *what: Any) -> None:
         """Draw an entity as it is at all times."""
         self._recording.log(f"{self._root}/{path}", *what, static=True)
-
-    def number(self, path: str, t: float, value: float) -> None:
-        """A point of a curve; NaN leaves a gap."""
-        self.draw(path, t, rr.Scalars(value))
-
-    def curve(self, path: str, name: str, colour: Colour, width: float = 2.0) -> None:
-        self.fix(path, rr.SeriesLines(colors=[colour], names=[name], widths=[width]))

@@ -1,6 +1,6 @@
-"""The dashboard's colours: an agent's are those of the pictures, everything else stays out of them.
+"""The dashboard's colours: an agent has its colour of the pictures, nothing else has one of those.
 
-Rerun draws on black, so walls and outlines are light here.
+Rerun draws on black, so walls and footprints are light.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from typing import Final
 
 from armadico.observe.dashboard.canvas import Colour, rgba
 from armadico.observe.pictures import colour
-from armadico.observe.view import agent_of
 
 NOBODY: Final = "nobody"
 
@@ -26,13 +25,9 @@ CONE: Final = rgba("#5d6b76", 170)
 POINT: Final = rgba("#f0e442")
 PARTICLE: Final = rgba("#3fd0c9", 150)
 UNSURE: Final = rgba("#ffffff", 170)
-"""What the pose's covariance covers."""
-
-FRAME: Final = (rgba("#e5484d"), rgba("#7bd389"))
-"""The axes of a frame of reference, x and y."""
-
 PLAN: Final = rgba("#b9a7e0")
 GOAL: Final = rgba("#ff5fa8")
+DOCK: Final = rgba("#7bd389")
 
 MAPPED: Final = (rgba("#000000", 0), rgba("#233440"), rgba("#e8b04b"))
 """Cells of the map made by driving: unknown, free, occupied."""
@@ -43,23 +38,7 @@ ZONES: Final[dict[str, Colour]] = {
     "caution": rgba("#d9c23c"),
 }
 
-SPEEDS: Final[dict[str, Colour]] = {
-    "measured": rgba("#f4f6f8"),
-    "commanded": rgba("#56b4e9"),
-    "wanted": rgba("#e6c84f"),
-}
-"""Of the wheels: what the controller measured, what was sent after blending, what was bid."""
 
-DOCK: Final = rgba("#7bd389")
-BATTERY: Final = rgba("#7bd389")
-RESTED: Final = rgba("#e6c84f")
-
-
-def agent(name: str | None) -> Colour:
-    """An agent's colour, or that of nobody."""
+def agent(name: str) -> Colour:
+    """An agent's colour, or the one of `NOBODY`."""
     return rgba(colour(None if name == NOBODY else name))
-
-
-def name_of(instance: str | None) -> str:
-    """The agent of an instance, or nobody."""
-    return NOBODY if instance is None else agent_of(instance)

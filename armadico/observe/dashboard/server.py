@@ -54,16 +54,11 @@ def serve(
     return recording, f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
-def keep(
-    worlds: Mapping[str, World | None], record: Path, *, graph: bool = False
-) -> rr.RecordingStream:
-    """A recording that only goes into a file; `graph`: that opens on the graph of agents.
-
-    Raises OSError.
-    """
+def keep(worlds: Mapping[str, World | None], record: Path) -> rr.RecordingStream:
+    """A recording that only goes into a file. Raises OSError."""
     recording = _stream()
     try:
-        recording.save(record, default_blueprint=blueprint(worlds, graph=graph))
+        recording.save(record, default_blueprint=blueprint(worlds))
     except RuntimeError as error:
         _abandon(recording)
         raise OSError(errno.EIO, str(error), str(record)) from None

@@ -1,85 +1,60 @@
-"""Shapes in the body frame and the world: outlines, cones, zones. Metres, radians, REP-103."""
+"""Shapes in the body frame: the robot, sonar cones, zones. Metres, radians, REP-103; (n, 2)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from math import atan2, cos, hypot, pi, radians, sin, sqrt
+from math import pi, radians
 from typing import Final
 
-from armadico.core.geometry import Pose2, to_world
-from armadico.core.messages import Description, Echo
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
 
-Point = tuple[float, float]
-Strip = list[Point]
+from armadico.core.messages import Description, Echo
+from armadico.observe.dashboard.canvas import Colour, pixels
+
+Points = NDArray[np.float64]
 
 HALF_CONE: Final = radians(10)
-"""Half the angle that a cone is drawn with; a sonar's beam is some 30 degrees wide, but sixteen
-of those would hide everything."""
-
-CORNER_STEPS: Final = 6
-RING_STEPS: Final = 72
+"""Half the angle of a drawn cone. A sonar's beam is about 30 degrees wide, but sixteen cones of
+that width would hide everything else."""
 
 
-def outline(robot: Description) -> Strip:
-    """The robot about the middle of its axle, closed."""
-    front, rear, half = robot.front, -robot.rear, robot.half_width
-    return [(front, half), (rear, half), (rear, -half), (front, -half), (front, half)]
+def arc(start: float, end: float, steps: int) -> Points:
+    """Points of the unit circle from one angle to another, both included."""
+    angles = np.linspace(start, end, steps + 1)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def nose(robot: Description) -> Strip:
-    """An arrow head that shows where the robot looks."""
+CIRCLE: Final = arc(0.0, 2.0 * pi, 72)
+
+
+def robot_shape(robot: Description, colour: Colour, width: float) -> rr.LineStrips2D:
+    """The footprint about the middle of the axle, and an arrow head that points forward."""
     x, y = 0.2 * robot.front, 0.6 * robot.half_width
-    return [(x, y), (0.85 * robot.front, 0.0), (x, -y)]
+    nose = np.array([(x, y), (0.85 * robot.front, 0.0), (x, -y)])
+    strips = [around_footprint(robot, 0.0), nose]
+    return rr.LineStrips2D(strips, radii=pixels(width), colors=colour, draw_order=40)
 
 
-def around_outline(robot: Description, distance: float) -> Strip:
-    """Everything that is so far from the outline, m: a rectangle with round corners, closed."""
-    corners = outline(robot)[:4]
-    strip: Strip = []
-    for quarter, (x, y) in enumerate(corners):
-        for step in range(CORNER_STEPS + 1):
-            angle = (quarter + step / CORNER_STEPS) * pi / 2
-            strip.append((x + distance * cos(angle), y + distance * sin(angle)))
-    return [*strip, strip[0]]
+def around_footprint(robot: Description, distance: float) -> Points:
+    """The line at a distance (m) from the footprint: a closed rectangle with round corners."""
+    front, rear, half = robot.front, -robot.rear, robot.half_width
+    corners = [(front, half), (rear, half), (rear, -half), (front, -half)]
+    arcs = [distance * arc(n * pi / 2.0, (n + 1) * pi / 2.0, 6) for n in range(4)]
+    line = np.vstack([np.array(c) + turn for c, turn in zip(corners, arcs, strict=True)])
+    return np.vstack([line, line[:1]])
 
 
-def ring(radius: float) -> Strip:
-    """A circle about the origin, m."""
-    angles = (2 * pi * step / RING_STEPS for step in range(RING_STEPS + 1))
-    return [(radius * cos(angle), radius * sin(angle)) for angle in angles]
+def ellipse(xx: float, xy: float, yy: float, sigmas: float) -> Points:
+    """The line at so many standard deviations of a covariance (m^2), about the origin."""
+    variances, axes = np.linalg.eigh([[xx, xy], [xy, yy]])
+    line: Points = sigmas * CIRCLE * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+    return line
 
 
-def ellipse(xx: float, xy: float, yy: float, sigmas: float) -> Strip:
-    """What lies so many standard deviations off by a covariance (m^2), about the origin."""
-    middle, half = (xx + yy) / 2.0, hypot((xx - yy) / 2.0, xy)
-    a, b = (sigmas * sqrt(max(0.0, middle + sign * half)) for sign in (1.0, -1.0))
-    turned = 0.5 * atan2(2.0 * xy, xx - yy)
-    return [to_world((0.0, 0.0, turned), a * x, b * y) for x, y in ring(1.0)]
-
-
-def spokes(sectors: int, radius: float) -> list[Strip]:
-    """The borders of sectors that are counted from straight ahead."""
-    angles = (2 * pi * sector / sectors for sector in range(sectors))
-    return [[(0.0, 0.0), (radius * cos(a), radius * sin(a))] for a in angles]
-
-
-def cone(echo: Echo) -> Strip | None:
-    """What a sonar heard, as a wedge in the body frame; None if nothing answered."""
-    if echo.range is None:
-        return None
-    tip = (echo.x, echo.y)
-    edges = (echo.bearing + share * HALF_CONE for share in (-1.0, 0.0, 1.0))
-    arc = [(tip[0] + echo.range * cos(a), tip[1] + echo.range * sin(a)) for a in edges]
-    return [tip, *arc, tip]
-
-
-def hit(echo: Echo) -> Point | None:
-    """Where an echo is put, on the sonar's axis, in the body frame."""
-    if echo.range is None:
-        return None
-    return to_world((echo.x, echo.y, echo.bearing), echo.range, 0.0)
-
-
-def placed(pose: Pose2, points: Iterable[Point]) -> list[Point]:
-    """Points of the body frame, in the world."""
-    return [to_world(pose, x, y) for x, y in points]
+def cone(echo: Echo) -> Points:
+    """The wedge of a sonar that measured a range."""
+    assert echo.range is not None, "without an echo there is no wedge"
+    tip = np.array([(echo.x, echo.y)])
+    far = echo.range * arc(echo.bearing - HALF_CONE, echo.bearing + HALF_CONE, 2)
+    return np.vstack([tip, tip + far, tip])

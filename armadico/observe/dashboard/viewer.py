@@ -19,7 +19,6 @@ from types import TracebackType
 from typing import Final
 from urllib.parse import urlencode
 
-import rerun as rr
 import rerun_cli
 
 from armadico.mesh.ports import LOOPBACK, free_port
@@ -129,28 +128,6 @@ def native(uri: str) -> Viewer:
     port = free_port()
     options = ["--port", str(port), "--memory-limit", VIEWER_MEMORY, "--hide-welcome-screen"]
     return Viewer([*options, uri], port)
-
-
-def headless(size: tuple[int, int]) -> Viewer:
-    """A viewer that draws to memory, in pixels, for pictures and tests."""
-    port = free_port()
-    window = f"{size[0]}x{size[1]}"
-    options = ["--headless", "--port", str(port), "--memory-limit", VIEWER_MEMORY]
-    return Viewer([*options, "--window-size", window], port, log="error")  # or it would show it
-
-
-def check_version() -> None:
-    """Refuse a viewer that is not of the library's version: it might not read what is written."""
-    said = subprocess.run(
-        [str(binary()), "--version"], capture_output=True, text=True, timeout=20, check=False
-    ).stdout
-    found = re.search(r"\d+\.\d+\.\d+\S*", said)
-    if found is None or found.group() != rr.__version__:
-        other = found.group() if found else "of an unknown version"
-        raise ViewerError(
-            f"the viewer is {other} and the library {rr.__version__};"
-            " pip install --force-reinstall 'armadico[dashboard]' brings both from one wheel"
-        )
 
 
 def binary() -> Path:

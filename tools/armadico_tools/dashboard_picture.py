@@ -1,6 +1,6 @@
 """Pictures of a recording, as the native viewer draws it without a window; for docs and tests.
 
-`python -m armadico.observe.dashboard.picture RUN.rrd OUT.png [SECONDS [WIDTH HEIGHT]]`
+`python -m armadico_tools.dashboard_picture RUN.rrd OUT.png [SECONDS [WIDTH HEIGHT]]`
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Final
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from armadico.mesh.ports import LOOPBACK
+from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.observe.dashboard.canvas import TIMELINE
-from armadico.observe.dashboard.viewer import ViewerError, headless
+from armadico.observe.dashboard.viewer import VIEWER_MEMORY, Viewer, ViewerError
 
 LOADING_S: Final = 30.0
 SETTLE_S: Final = 2.0
@@ -37,7 +37,10 @@ class Picture:
 
 def photograph(recording: Path, t: float, size: tuple[int, int] = SIZE) -> Picture:
     """What the dashboard looks like at t (s) of a recording. Raises ViewerError."""
-    with headless(size) as viewer:
+    port = free_port()
+    options = ["--headless", "--port", str(port), "--memory-limit", VIEWER_MEMORY]
+    window = f"{size[0]}x{size[1]}"
+    with Viewer([*options, "--window-size", window], port, log="error") as viewer:
         client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{viewer.port}/proxy")
         deadline = time.monotonic() + LOADING_S
         while not _opened(client, recording):  # it listens before it answers

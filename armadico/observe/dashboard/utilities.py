@@ -1,0 +1,104 @@
+"""The utilities of all contenders for a resource as curves, and its holder as a lane.
+
+The holder publishes its utility each cycle. The other contenders publish nothing and are asked for
+their recent bids (`agent/*/*/bids`); each bid is drawn at the time of the cycle that it was for.
+"""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Final
+
+import rerun as rr
+
+from armadico.core.messages import BidHistory, Claim, Cycle
+from armadico.observe.dashboard import palette
+from armadico.observe.dashboard.canvas import Canvas
+from armadico.observe.dashboard.palette import NOBODY
+from armadico.observe.view import View, agent_of
+
+CYCLES: Final = 200
+"""Cycles whose time is remembered: 20 s. Agents remember 50 bids."""
+
+
+class Utilities:
+    """Draws the contenders for every resource of one robot.
+
+    Attributes:
+        holders: By resource, the agent that holds it as drawn, or `NOBODY`.
+    """
+
+    def __init__(self, canvas: Canvas) -> None:
+        self.holders: dict[str, str] = {}
+        self._canvas = canvas
+        self._times: dict[Cycle, float] = {}
+        self._drawn: dict[tuple[str, str], dict[Cycle, None]] = {}  # by resource and agent
+        self._gap: dict[tuple[str, str], bool] = {}  # whether a curve's last point is one
+        self._known: dict[str, list[str]] = {}  # the agents of a lane, by resource
+
+    def update(self, view: View, t: float) -> None:
+        """Draw the lanes whose holder has changed.
+
+        The owner's ack decides. Without one the holder is shown by its claims.
+        """
+        for resource in view.claimed:
+            claim = view.claim(resource, t)
+            if resource in view.acks:
+                holder = view.driver(resource, t)
+            else:
+                holder = None if claim is None else claim.ballot.instance
+            name = NOBODY if holder is None else agent_of(holder)
+            if name != self.holders.get(resource):
+                self.holders[resource] = name
+                self._introduce(resource, NOBODY)
+                self._introduce(resource, name)
+                self._canvas.draw(f"holders/{resource}", t, rr.StateChange(state=name))
+
+    def take_cycle(self, cycle: Cycle, t: float) -> None:
+        """Remember when a cycle was first received."""
+        self._times.setdefault(cycle, t)
+        while len(self._times) > CYCLES:
+            del self._times[next(iter(self._times))]
+
+    def take_claim(self, claim: Claim, t: float) -> None:
+        at = self._times.get(claim.cycle, t)
+        self._point(claim.resource, claim.ballot.instance, claim.cycle, claim.utility, at)
+
+    def take_history(self, history: BidHistory) -> None:
+        """The recent bids of an agent that was asked."""
+        for record in history.bids:
+            at = self._times.get(record.cycle)
+            if at is not None:
+                self._point(record.resource, history.instance, record.cycle, record.utility, at)
+
+    def _point(
+        self, resource: str, instance: str, cycle: Cycle, utility: float | None, at: float
+    ) -> None:
+        """Draw one bid once, whether it was claimed or asked for; no bid is a gap."""
+        name = agent_of(instance)
+        curve = resource, name
+        drawn = self._drawn.setdefault(curve, {})
+        if cycle in drawn:
+            return
+        drawn[cycle] = None
+        if len(drawn) > CYCLES:
+            del drawn[next(iter(drawn))]
+        if utility is None and self._gap.get(curve, True):
+            return
+        self._gap[curve] = utility is None
+        self._introduce(resource, name)
+        value = rr.Scalars(nan if utility is None else utility)
+        self._canvas.draw(f"utility/{resource}/{name}", at, value)
+
+    def _introduce(self, resource: str, name: str) -> None:
+        """Set the colours of an agent's curve and of its part of the lane, once."""
+        known = self._known.setdefault(resource, [])
+        if name in known:
+            return
+        known.append(name)
+        if name != NOBODY:
+            line = rr.SeriesLines(colors=[palette.agent(name)], names=[name], widths=[2.5])
+            self._canvas.fix(f"utility/{resource}/{name}", line)
+        colours = [palette.agent(each) for each in known]
+        look = rr.StateConfiguration(values=known, labels=known, colors=colours)
+        self._canvas.fix(f"holders/{resource}", look)
