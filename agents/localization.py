@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from armadico.agents.methods import monte_carlo
 from armadico.agents.methods.global_search import Alternative, Model, Place, Search, apart
-from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
+from armadico.agents.methods.grid import CELL_M, Grid, Placed, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
@@ -190,6 +190,7 @@ class Localization(Agent):
         self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
         self._sees = profile.laser is not None
+        self._grid, self._clear_m = grid, profile.body.width_m / 2 - 2 * CELL_M
         self._confirm = self.p.confirm or (LASER if self._sees else SONARS)
         self._filter = MonteCarlo(
             model_of(grid, profile),
@@ -197,7 +198,7 @@ class Localization(Agent):
             np.random.default_rng(self.rng.getrandbits(63)),
             self.p.filter or (monte_carlo.LASER if self._sees else Settings()),
             profile.wheels,
-            lambda x, y: grid.clearances(x, y) > profile.body.width_m / 2 - 2 * CELL_M,
+            lambda x, y: grid.clearances(x, y) > self._clear_m,
         )
         self._ping_s = 0.0 if self._sees else profile.ring.period_s
         self._scan: int | None = None  # the last one's number
@@ -518,7 +519,12 @@ class Localization(Agent):
 
     def _likeliest(self, search: Search) -> Place:
         """The best place, with the odds for the one where the robot is if it was not moved."""
-        if self._stayed is None or (place := search.staying(self._stayed, STAYED)) is None:
+        if self._stayed is None:
+            return search.places[0]
+        if self._grid.clearance_at(Placed(*self._stayed[:2])) <= self._clear_m:
+            self._stayed = None  # it has driven into a wall: it was moved
+            return search.places[0]
+        if (place := search.staying(self._stayed, STAYED)) is None:
             return search.places[0]
         if place.share < 0.5 or apart(place.pose, self._stayed):
             return search.places[0]
