@@ -14,8 +14,9 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from armadico.agents.methods import monte_carlo
+from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.global_search import Alternative, Model, Place, Search, apart
-from armadico.agents.methods.grid import CELL_M, Grid, Placed, check_extent, grid_of
+from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
