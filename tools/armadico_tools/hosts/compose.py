@@ -156,7 +156,8 @@ def lacking() -> str | None:
     if shutil.which("docker") is None:
         return "the command docker is missing (Docker Engine, or Docker Desktop)"
     if _said("docker", "compose", "version") is not None:
-        return "docker has no Compose v2 (Debian, Ubuntu: package docker-compose-plugin)"
+        packages = "Docker's repository: docker-compose-plugin; Debian 13: docker-compose"
+        return f"docker has no Compose v2 ({packages}; Ubuntu: docker-compose-v2)"
     trouble = _said("docker", "version")
     if trouble is not None:
         return f"no engine answers: {trouble}"
