@@ -445,7 +445,7 @@ class Driver:
 
     def _may_log(self) -> bool:
         """Whether one more line may go out: so many at once, so many a second for ever."""
-        now = self.now
+        now = self.agent.now
         passed = max(now - self._lines_at, 0.0)
         self._lines = min(self._lines + LINES_A_S * passed, LINES)
         self._lines_at = now
