@@ -40,6 +40,7 @@ M = TypeVar("M", bound=Message)
 SECOND = 1_000_000_000
 
 
+@pytest.mark.timeout(300)  # a whole mission, and four workers share two cores
 def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     path = tmp_path / "mission.mcap"
     said = surveillance(once).said
