@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
+from armadico.agents.methods.odometry import WIDEST, begun_anew, may_stand_at, nowhere
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
@@ -111,7 +111,7 @@ class Encoder(Agent):
         late = correction.cycle.number - told[1] if correction.cycle.epoch == told[0] else 0
         if told[1] and -BEFORE_CYCLES <= late <= OLDER_CYCLES:
             return  # of where the robot was taken to be before
-        if min(xx, yy, tt) < 0.0 or max(abs(correction.x), abs(correction.y)) > NOWHERE_M:
+        if min(xx, yy, tt) < 0.0 or nowhere(correction.x, correction.y):
             return  # no variance is negative, nor is any place there: it is not true
         self._covariance = correction.covariance
         sure = correction.confidence >= SURE
@@ -186,7 +186,7 @@ class Encoder(Agent):
 
     def _begin(self, place: Pose2, odometry: Pose2) -> Pose2:
         """The origin by which the robot is at a place in the world now."""
-        if max(map(abs, place[:2])) > NOWHERE_M:
+        if nowhere(*place[:2]):
             place = (self.p.x, self.p.y, self.p.theta)
         self._by = self._id
         return compose(place, relative(odometry, STOOD))

@@ -19,7 +19,7 @@ from armadico.agents.methods.global_search import Alternative, Model, Place, Sea
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
-from armadico.agents.methods.odometry import NOWHERE_M, WIDEST, begun_anew, may_stand_at
+from armadico.agents.methods.odometry import WIDEST, begun_anew, may_stand_at, nowhere
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
 from armadico.config.places import Places
@@ -231,7 +231,7 @@ class Localization(Agent):
         """Begin about the first pose."""
         if self._begun or not self._useful or self._odometry is None:
             return
-        if max(abs(pose.x), abs(pose.y)) > NOWHERE_M:
+        if nowhere(pose.x, pose.y):
             return
         self._begun = True
         self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
@@ -496,9 +496,9 @@ class Localization(Agent):
         One place has to be much better than all others, several times in a row while the robot goes
         on: a wrong place is worse than a late one.
         """
-        if not search.places:
+        if not (places := search.places):
             return
-        best = self._likeliest(search)
+        best = self._staying(search) or places[0]
         if self._lost and not self._spread:
             self._filter.gather(search)  # for the next search, and for what relocate compares
         sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
@@ -518,17 +518,16 @@ class Localization(Agent):
                 self._filter.start_at(best.pose, self.p.start_m, self.p.start_rad)
             self._find(best.pose, self.p.proved_times)
 
-    def _likeliest(self, search: Search) -> Place:
-        """The best place, with the odds for the one where the robot is if it was not moved."""
+    def _staying(self, search: Search) -> Place | None:
+        """Where the robot is if it was not moved; None if it is likelier elsewhere."""
         if self._stayed is None:
-            return search.places[0]
+            return None
         if self._grid.clearance_at(Placed(*self._stayed[:2])) <= self._clear_m:
             self._stayed = None  # it has driven into a wall: it was moved
-            return search.places[0]
-        if (place := search.staying(self._stayed, STAYED)) is None:
-            return search.places[0]
-        if place.share < 0.5 or apart(place.pose, self._stayed):
-            return search.places[0]
+            return None
+        place = search.staying(self._stayed, STAYED)
+        if place is None or place.share < 0.5 or apart(place.pose, self._stayed):
+            return None
         self._stayed = place.pose
         return place
 

@@ -342,7 +342,7 @@ class Search:
         about = begun + noise * np.concatenate([NEAR_BY, self._wheels])
         near = [not apart(place.pose, here) for place in self.places]
         guesses = np.concatenate([begun[None], about, self._guesses[near]])
-        logs = -0.5 * ((guesses[:, 3:] / self._wheels) ** 2).sum(axis=1, dtype=np.float64)
+        logs = self._wheels_logs(guesses)
         for at in self._stretch:
             logs += self._likely(guesses, at, excused=True)
         best = int(logs.argmax())
@@ -399,7 +399,7 @@ class Search:
         noise = self._rng.standard_normal((copies * len(guesses), 5), dtype=np.float32)
         noise *= np.concatenate([NEAR_BY, self._wheels]) * np.float32(share)
         guesses = np.concatenate([guesses, np.repeat(guesses, copies, axis=0) + noise])
-        logs = -0.5 * ((guesses[:, 3:] / self._wheels) ** 2).sum(axis=1, dtype=np.float64)
+        logs = self._wheels_logs(guesses)
         for at in self._stretch:
             logs += self._likely(guesses, at, whole=whole)
             yield len(guesses) * (at.pings if whole else len(at.reading.echoes))
@@ -411,6 +411,12 @@ class Search:
             away |= np.abs(turned_from(guesses[left, 2], float(theta))) > APART_RAD
             left = left[away]
         return guesses[best], logs[best]
+
+    def _wheels_logs(self, guesses: Poses) -> NDArray[np.float64]:
+        """The logarithm of the likelihood of each guess's drift and turning error, (guesses,)."""
+        errors = guesses[:, 3:] / self._wheels
+        logs: NDArray[np.float64] = -0.5 * (errors**2).sum(axis=1, dtype=np.float64)
+        return logs
 
     def _likely(
         self, guesses: Poses, at: Behind, *, whole: bool = True, excused: bool = False

@@ -33,13 +33,18 @@ def rests(state: RobotState, slow_m_s: float = SLOW_M_S, slow_rad_s: float = SLO
     return abs(state.v) <= slow_m_s and abs(state.w) <= slow_rad_s
 
 
+def nowhere(x: float, y: float) -> bool:
+    """Whether this, m, is too far off to be a place."""
+    return max(abs(x), abs(y)) > NOWHERE_M
+
+
 def may_stand_at(told: InitialPose, state: RobotState | None) -> bool:
     """Whether a pose that people give may be taken on: only of a robot that rests.
 
     The message may be late; a robot that drives would go on from another place.
     """
     at_rest = state is not None and rests(state)
-    return at_rest and max(abs(told.x), abs(told.y)) <= NOWHERE_M
+    return at_rest and not nowhere(told.x, told.y)
 
 
 def begun_anew(before: Pose2, now: Pose2) -> bool:
