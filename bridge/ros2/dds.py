@@ -96,12 +96,16 @@ class DdsWire:
                 _bind(domain, address.interface)
             # Without an enclave a program is no ROS 2 node to rmw_fastrtps and rmw_cyclonedds.
             self._participant = DomainParticipant(domain, qos=Qos(Policy.Userdata(b"enclave=/;")))
+        except DDSException as error:
+            raise TransportError(f"cannot join DDS domain {domain}: {_why(error)}") from error
+        try:
             self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
             self._subscriptions = BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)
             self._waitset = WaitSet(self._participant)
             self._nodes_in = self._reader(_DISCOVERY, ParticipantEntitiesInfo, _LATCHED)
             self._nodes_out = self._writer(_DISCOVERY, ParticipantEntitiesInfo, _LATCHED)
         except DDSException as error:
+            self.close()
             raise TransportError(f"cannot join DDS domain {domain}: {_why(error)}") from error
         self._namespace, self._node = address.namespace, node
         self._readers: dict[str, Any] = {}
