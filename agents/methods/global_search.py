@@ -240,17 +240,17 @@ class Search:
             odometry: How wrong the wheels' counts may be.
             settings: Sizes.
             stretch: The readings to explain, newest first.
-            particles: Where the filter believes the robot to be, (n, 5): x, y, heading, the
-                wheels' drift (rad/m) and turning error (rad/rad).
+            particles: Where the filter believes the robot to be, (n, 6): x, y, heading, the
+                wheels' drift (rad/m), turning error (rad/rad) and way error (m/m).
             rng: For all that is random.
         """
         self._model, self._free, self._rng = model, free, rng
         self._settings, self._stretch, self._particles = settings, stretch, particles
-        wheels = max(odometry.alpha2, EXACT), max(odometry.alpha1, EXACT)
-        self._wheels = np.array(wheels, dtype=np.float32)
+        wheels = odometry.alpha2, odometry.alpha1, odometry.alpha3
+        self._wheels = np.maximum(wheels, EXACT, dtype=np.float32)
         self._motion: Pose2 = STOOD
         self._way = self._turn = 0.0
-        self._guesses: Poses = np.zeros((0, 5), dtype=np.float32)
+        self._guesses: Poses = np.zeros((0, 6), dtype=np.float32)
         self._logs: NDArray[np.float64] = np.zeros(0)
         self._pieces = self._run()
         self._ahead = 0  # work done beyond what was asked for
@@ -272,7 +272,7 @@ class Search:
 
     @property
     def guesses(self) -> Poses:
-        """Where the robot may be now, best first, (n, 5): as the particles."""
+        """Where the robot may be now, best first, (n, 6): as the particles."""
         moved = self._guesses.copy()
         moved[:, :3] = _bent(self._guesses, self._motion, self._way, self._turn)
         return moved
@@ -337,8 +337,8 @@ class Search:
         """
         if not len(self._logs):
             return None
-        begun = np.array([*compose(here, relative(self._motion, STOOD)), 0.0, 0.0], np.float32)
-        noise = self._rng.standard_normal((STAYING, 5), dtype=np.float32)
+        begun = np.array([*compose(here, relative(self._motion, STOOD)), 0.0, 0.0, 0.0], np.float32)
+        noise = self._rng.standard_normal((STAYING, 6), dtype=np.float32)
         about = begun + noise * np.concatenate([NEAR_BY, self._wheels])
         near = [not apart(place.pose, here) for place in self.places]
         guesses = np.concatenate([begun[None], about, self._guesses[near]])
@@ -362,7 +362,7 @@ class Search:
         if not self._stretch:
             return
         coarse = yield from self._coarsely()
-        guesses = np.concatenate([np.pad(coarse, ((0, 0), (0, 2))), self._particles])
+        guesses = np.concatenate([np.pad(coarse, ((0, 0), (0, 3))), self._particles])
         logs = np.zeros(len(guesses))
         for share, most, copies in FINER:
             guesses, logs = yield from self._nearer(guesses, share, most, copies)
@@ -396,7 +396,7 @@ class Search:
         The first round, the one with most guesses, uses the echoes of one cycle of each reading.
         """
         whole = share < 1.0
-        noise = self._rng.standard_normal((copies * len(guesses), 5), dtype=np.float32)
+        noise = self._rng.standard_normal((copies * len(guesses), 6), dtype=np.float32)
         noise *= np.concatenate([NEAR_BY, self._wheels]) * np.float32(share)
         guesses = np.concatenate([guesses, np.repeat(guesses, copies, axis=0) + noise])
         logs = self._wheels_logs(guesses)
@@ -413,7 +413,7 @@ class Search:
         return guesses[best], logs[best]
 
     def _wheels_logs(self, guesses: Poses) -> NDArray[np.float64]:
-        """The logarithm of the likelihood of each guess's drift and turning error, (guesses,)."""
+        """The logarithm of the likelihood of each guess's errors of the wheels, (guesses,)."""
         errors = guesses[:, 3:] / self._wheels
         logs: NDArray[np.float64] = -0.5 * (errors**2).sum(axis=1, dtype=np.float64)
         return logs
@@ -458,18 +458,19 @@ def turned_from(theta: NDArray[np.floating], reference: float) -> NDArray[np.flo
 
 
 def _bent(guesses: Poses, motion: Pose2, way: float, turn: float) -> Poses:
-    """The poses of guesses after a motion, with each guess's drift and turning error, (n, 3)."""
+    """The poses of guesses after a motion, with each guess's errors of the wheels, (n, 3)."""
     bent = guesses[:, 3] * np.float32(way) + guesses[:, 4] * np.float32(turn)
     poses = guesses[:, :3].copy()
     poses[:, 2] += np.float32(0.5) * bent  # an arc's chord has turned by half
-    poses = _moved(poses, motion)
+    poses = _moved(poses, motion, 1.0 + guesses[:, 5])
     poses[:, 2] += np.float32(0.5) * bent
     return poses
 
 
-def _moved(poses: Poses, motion: Pose2) -> Poses:
-    """The poses after a motion in their own frames."""
-    x, y, turn = (np.float32(value) for value in motion)
+def _moved(poses: Poses, motion: Pose2, longer: NDArray[np.float32] | float = 1.0) -> Poses:
+    """The poses after a motion in their own frames, whose way was longer than counted."""
+    turn = np.float32(motion[2])
+    x, y = (np.float32(way) * longer for way in motion[:2])
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     return np.column_stack(
         [poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y, poses[:, 2] + turn]

@@ -300,7 +300,7 @@ class MonteCarlo:
             self.odometry,
             self.settings.search,
             self.history.stretch(most),
-            np.column_stack([self.poses[drawn], self.wheels[drawn, :2]]),
+            np.column_stack([self.poses[drawn], self.wheels[drawn]]),
             self._rng,
         )
 
@@ -318,7 +318,7 @@ class MonteCarlo:
         noise = self._rng.standard_normal((len(guesses), 3), dtype=np.float32)
         self.poses = guesses[:, :3] + noise * (np.float32(0.3) * NEAR_BY)
         self.wheels = self._uncalibrated(len(guesses), 0.5)
-        self.wheels[:, :2] += guesses[:, 3:]
+        self.wheels += guesses[:, 3:]
         self.weights = np.repeat(shares / (each * shares.sum()), each)
         self._hits = MAPPED_HITS
 
