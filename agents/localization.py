@@ -246,9 +246,12 @@ class Localization(Agent):
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
 
     def on_initial_pose(self, told: InitialPose) -> None:
-        """Begin again about a pose that people know."""
+        """Begin again about a pose that people know, unless the robot cannot be there."""
         at_rest = may_stand_at(told, self.latest(RobotState))
         if not self._useful or self._odometry is None or not at_rest:
+            return
+        if np.hypot(*(self._free - (told.x, told.y)).T).min() > 2.0 * self.p.start_m:
+            self.log(f"the robot is not at {_place((told.x, told.y))}: no room on the map", WARNING)
             return
         pose = told.x, told.y, told.theta
         self._begun, self._spread, self._sure = True, False, 0
@@ -547,7 +550,7 @@ class Localization(Agent):
             )
 
 
-def _place(pose: Pose2) -> str:
+def _place(pose: Sequence[float]) -> str:
     return f"({pose[0]:.2f}, {pose[1]:.2f})"
 
 
