@@ -251,7 +251,8 @@ class Localization(Agent):
         if not self._useful or self._odometry is None or not at_rest:
             return
         if np.hypot(*(self._free - (told.x, told.y)).T).min() > 2.0 * self.p.start_m:
-            self.log(f"the robot is not at {_place((told.x, told.y))}: no room on the map", WARNING)
+            at = _place((told.x, told.y))
+            self.log(f"initial pose {at} rejected: no free space there on the map", WARNING)
             return
         pose = told.x, told.y, told.theta
         self._begun, self._spread, self._sure = True, False, 0

@@ -273,9 +273,7 @@ class Search:
     @property
     def guesses(self) -> Poses:
         """Where the robot may be now, best first, (n, 6): as the particles."""
-        moved = self._guesses.copy()
-        moved[:, :3] = _bent(self._guesses, self._motion, self._way, self._turn)
-        return moved
+        return self._now(self._guesses)
 
     @property
     def places(self) -> list[Place]:
@@ -283,11 +281,20 @@ class Search:
         if not len(self._logs):
             return []
         shares = np.exp((self._logs - self._logs.max()) / self._settings.rival)
-        shares /= shares.sum()
+        return self._places(self._guesses, shares / shares.sum(), self._logs)
+
+    def _now(self, guesses: Poses) -> Poses:
+        moved = guesses.copy()
+        moved[:, :3] = _bent(guesses, self._motion, self._way, self._turn)
+        return moved
+
+    def _places(
+        self, guesses: Poses, shares: NDArray[np.float64], logs: NDArray[np.float64]
+    ) -> list[Place]:
         pings = sum(at.pings for at in self._stretch)
         return [
             Place((float(x), float(y), wrap(float(theta))), float(share), exp(log / pings))
-            for (x, y, theta, *_), share, log in zip(self.guesses, shares, self._logs, strict=True)
+            for (x, y, theta, *_), share, log in zip(self._now(guesses), shares, logs, strict=True)
         ]
 
     def alternative(self, here: Pose2, trust: float) -> Alternative | None:
@@ -348,13 +355,8 @@ class Search:
         best = int(logs.argmax())
         others = self._logs[~np.array(near)]
         against = np.exp((others - logs[best]) / self._settings.rival).sum() / odds
-        x, y, theta = _bent(guesses[best : best + 1], self._motion, self._way, self._turn)[0]
-        pings = sum(at.pings for at in self._stretch)
-        return Place(
-            (float(x), float(y), wrap(float(theta))),
-            float(1.0 / (1.0 + against)),
-            exp(logs[best] / pings),
-        )
+        one = slice(best, best + 1)
+        return self._places(guesses[one], np.array([1.0 / (1.0 + against)]), logs[one])[0]
 
     # Inside: generators, which yield the work that was just done ----------------------------------
 

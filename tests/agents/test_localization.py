@@ -910,7 +910,7 @@ def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
     assert not any(one.elsewhere for one in said)
 
 
-def test_where_there_is_no_room_for_it_people_do_not_have_it(world: str) -> None:
+def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
     robot = Robot(Parameters(world=world))
     robot.at(START, (0.0, 0.0, 0.0), START)
     for x, y, room in ((-20.0, 1.0, False), (4.5, 1.5, True), (5.95, 1.5, True)):
@@ -919,7 +919,7 @@ def test_where_there_is_no_room_for_it_people_do_not_have_it(world: str) -> None
         after = placed(robot.at((x, y, 0.0), (0.0, 0.0, 0.0), START)[-1], robot.odometry)
         assert (hypot(after[0] - x, after[1] - y) < 0.3) == room
         assert (hypot(after[0] - before[0], after[1] - before[1]) < 0.3) != room
-        refused = [m for m in robot.said if isinstance(m, Log) and "no room on the map" in m.text]
+        refused = [m for m in robot.said if isinstance(m, Log) and "rejected" in m.text]
         assert bool(refused) != room
 
 
