@@ -526,7 +526,9 @@ class Localization(Agent):
             self._stayed = None  # it has driven into a wall: it was moved
             return None
         place = search.staying(self._stayed, STAYED)
-        if place is None or place.share < 0.5 or apart(place.pose, self._stayed):
+        if place is None or place.share < 0.5 or place.fit < self._confirm.found_fit:
+            return None
+        if apart(place.pose, self._stayed):
             return None
         self._stayed = place.pose
         return place

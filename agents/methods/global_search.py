@@ -328,8 +328,9 @@ class Search:
     def staying(self, here: Pose2, odds: float) -> Place | None:
         """The best place near a pose, by itself so many times as likely as each other one.
 
-        Readings that are too short there are excused, as in `alternative`. None if there is no
-        result.
+        Readings that are too short there are excused in its share, as in `alternative`. They are
+        not in its fit: in a hall all that is heard in a closet is too short, and would fit. None if
+        there is no result.
 
         Args:
             here: Where the robot is now if it was not moved: m, m, rad.
@@ -346,6 +347,7 @@ class Search:
         for at in self._stretch:
             logs += self._likely(guesses, at, excused=True)
         best = int(logs.argmax())
+        plain = sum(self._likely(guesses[[best]], at).item() for at in self._stretch)
         others = self._logs[~np.array(near)]
         against = np.exp((others - logs[best]) / self._settings.rival).sum() / odds
         x, y, theta = _bent(guesses[best : best + 1], self._motion, self._way, self._turn)[0]
@@ -353,7 +355,7 @@ class Search:
         return Place(
             (float(x), float(y), wrap(float(theta))),
             float(1.0 / (1.0 + against)),
-            exp(logs[best] / pings),
+            exp(plain / pings),
         )
 
     # Inside: generators, which yield the work that was just done ----------------------------------

@@ -445,9 +445,14 @@ def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
     assert filtered().drawn(100).shape == (0, 3)
 
 
-def lost(walls: Sequence[tuple[float, ...]], cycles: int, turn_error: float = 0.0) -> MonteCarlo:
-    """It has no idea, and drives where the walls are; its wheels tell turns that are too long."""
-    grid = Grid([tuple(wall) for wall in walls], (0.0, 0.0, 16.0, 4.0))  # type: ignore[misc]
+def lost(
+    walls: Sequence[tuple[float, ...]],
+    cycles: int,
+    turn_error: float = 0.0,
+    bounds: tuple[float, float, float, float] = (0.0, 0.0, 16.0, 4.0),
+) -> MonteCarlo:
+    """It has no idea, and drives in the L; its wheels tell turns that are too long."""
+    grid = Grid([tuple(wall) for wall in walls], bounds)  # type: ignore[misc]
     rows, columns = np.nonzero(grid.clearance > 0.2)
     places = np.column_stack([grid.xs[columns], grid.ys[rows]])
     particles = MonteCarlo(SonarModel(grid), places, np.random.default_rng(1))
@@ -493,6 +498,16 @@ def test_of_rooms_that_are_alike_the_one_where_it_was_is_likelier_and_no_other_p
     elsewhere = search.staying((x, y, theta + pi / 2), 30.0)
     assert elsewhere is not None
     assert elsewhere.share < 0.05
+
+
+def test_where_all_that_it_hears_is_excused_nothing_fits() -> None:
+    """Else a robot that is carried from a hall into a closet would be found in the hall."""
+    x1, y1, x2, y2 = bounds = (-8.0, -8.0, 14.0, 12.0)
+    hall = [(x1, y1, x2, y1), (x2, y1, x2, y2), (x2, y2, x1, y2), (x1, y2, x1, y1)]
+    search = searched(lost(hall, 130, bounds=bounds))
+    stays = search.staying((3.0, 2.0, 0.0), 30.0)
+    assert stays is not None
+    assert stays.fit < SONARS.found_fit
 
 
 def test_without_readings_no_place_is_found() -> None:
