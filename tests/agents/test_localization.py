@@ -885,6 +885,20 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
 
 
+def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, asked = doubting(world, monkeypatch, other(SURE, 0.6)), []
+
+    def staying(_search: Search, here: Pose2, _odds: float) -> None:
+        asked.append(here)
+
+    monkeypatch.setattr(Search, "staying", staying)
+    assert lost_in(carried(robot, 60, (0.1, 0.0, 0.0)))
+    assert asked
+    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in asked)
+
+
 def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
