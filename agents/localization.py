@@ -280,7 +280,10 @@ class Localization(Agent):
         if self._search is not None:
             self._search.move(motion)
         self._at = None if self._at is None else compose(self._at, motion)
-        self._stayed = None if self._stayed is None else compose(self._stayed, motion)
+        if self._stayed is not None:
+            before, self._stayed = self._stayed, compose(self._stayed, motion)
+            if self._grid.clearance_between(Placed(*before[:2]), Placed(*self._stayed[:2])) == 0.0:
+                self._stayed = None  # it would have driven through a wall: it was moved
         self._best = compose(self._best, motion)
         self._elsewhere = compose(self._elsewhere, motion)
         self._seek()  # each cycle, however seldom there are readings
@@ -509,6 +512,7 @@ class Localization(Agent):
         if not self._lost:
             if self._at is None or not apart(best.pose, self._at):
                 self._unproved -= best.share >= self.p.found
+                self._stayed = self._stayed if self._unproved else None
             elif sure:
                 self._lose(f"the readings since it was found fit better at {_place(best.pose)}")
             return
@@ -526,11 +530,10 @@ class Localization(Agent):
         """Where the robot is if it was not moved; None if it is likelier elsewhere."""
         if self._stayed is None:
             return None
-        if self._grid.clearance_at(Placed(*self._stayed[:2])) <= self._clear_m:
-            self._stayed = None  # it has driven into a wall: it was moved
-            return None
         place = search.staying(self._stayed, STAYED)
-        if place is None or place.share < 0.5 or apart(place.pose, self._stayed):
+        if place is None or place.share < 0.5 or place.fit < self._confirm.found_fit:
+            return None
+        if apart(place.pose, self._stayed):
             return None
         self._stayed = place.pose
         return place

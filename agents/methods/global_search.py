@@ -335,8 +335,9 @@ class Search:
     def staying(self, here: Pose2, odds: float) -> Place | None:
         """The best place near a pose, by itself so many times as likely as each other one.
 
-        Readings that are too short there are excused, as in `alternative`. None if there is no
-        result.
+        Readings that are too short there are excused in its share, as in `alternative`. They are
+        not in its fit: in a hall all that is heard in a closet is too short, and would fit. None if
+        there is no result.
 
         Args:
             here: Where the robot is now if it was not moved: m, m, rad.
@@ -353,10 +354,10 @@ class Search:
         for at in self._stretch:
             logs += self._likely(guesses, at, excused=True)
         best = int(logs.argmax())
+        plain = np.sum([self._likely(guesses[[best]], at) for at in self._stretch], axis=0)
         others = self._logs[~np.array(near)]
         against = np.exp((others - logs[best]) / self._settings.rival).sum() / odds
-        one = slice(best, best + 1)
-        return self._places(guesses[one], np.array([1.0 / (1.0 + against)]), logs[one])[0]
+        return self._places(guesses[[best]], np.array([1.0 / (1.0 + against)]), plain)[0]
 
     # Inside: generators, which yield the work that was just done ----------------------------------
 

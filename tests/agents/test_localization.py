@@ -445,9 +445,14 @@ def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
     assert filtered().drawn(100).shape == (0, 3)
 
 
-def lost(walls: Sequence[tuple[float, ...]], cycles: int, turn_error: float = 0.0) -> MonteCarlo:
-    """It has no idea, and drives where the walls are; its wheels tell turns that are too long."""
-    grid = Grid([tuple(wall) for wall in walls], (0.0, 0.0, 16.0, 4.0))  # type: ignore[misc]
+def lost(
+    walls: Sequence[tuple[float, ...]],
+    cycles: int,
+    turn_error: float = 0.0,
+    bounds: tuple[float, float, float, float] = (0.0, 0.0, 16.0, 4.0),
+) -> MonteCarlo:
+    """It has no idea, and drives in the L; its wheels tell turns that are too long."""
+    grid = Grid([tuple(wall) for wall in walls], bounds)  # type: ignore[misc]
     rows, columns = np.nonzero(grid.clearance > 0.2)
     places = np.column_stack([grid.xs[columns], grid.ys[rows]])
     particles = MonteCarlo(SonarModel(grid), places, np.random.default_rng(1))
@@ -493,6 +498,16 @@ def test_of_rooms_that_are_alike_the_one_where_it_was_is_likelier_and_no_other_p
     elsewhere = search.staying((x, y, theta + pi / 2), 30.0)
     assert elsewhere is not None
     assert elsewhere.share < 0.05
+
+
+def test_where_all_that_it_hears_is_excused_nothing_fits() -> None:
+    """Else a robot that is carried from a hall into a closet would be found in the hall."""
+    x1, y1, x2, y2 = bounds = (-8.0, -8.0, 14.0, 12.0)
+    hall = [(x1, y1, x2, y1), (x2, y1, x2, y2), (x2, y2, x1, y2), (x1, y2, x1, y1)]
+    search = searched(lost(hall, 130, bounds=bounds))
+    stays = search.staying((3.0, 2.0, 0.0), 30.0)
+    assert stays is not None
+    assert stays.fit < SONARS.found_fit
 
 
 def test_without_readings_no_place_is_found() -> None:
@@ -868,6 +883,20 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     again = replace(elsewhere, pose=(3.0, 1.5, 2.0))
     robot = doubting(world, monkeypatch, elsewhere, again, None, confirm=LASER)
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
+
+
+def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, asked = doubting(world, monkeypatch, other(SURE, 0.6)), []
+
+    def staying(_search: Search, here: Pose2, _odds: float) -> None:
+        asked.append(here)
+
+    monkeypatch.setattr(Search, "staying", staying)
+    assert lost_in(carried(robot, 60, (0.1, 0.0, 0.0)))
+    assert asked
+    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in asked)
 
 
 def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
