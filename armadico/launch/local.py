@@ -196,7 +196,10 @@ class Launcher(LiveRun):
 
         if not self.client.wait_for(here, START_S):
             missing = ", ".join(self._missing())
-            raise RunFailedError(f"did not start within {START_S:.0f} s: {missing}")
+            raise RunFailedError(
+                f"did not start within {START_S:.0f} s: {missing}"
+                " (`armadico doctor` checks ports and packages)"
+            )
 
     def _wait_for_the_robot(self, port: str) -> None:
         """Until it talks and obeys, and the encoder agent, if it takes part, knows where it is."""
