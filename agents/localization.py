@@ -396,8 +396,10 @@ class Localization(Agent):
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
         if self._lost:
-            if self._spread and share >= p.found and width < p.misfit_m and found.fit >= p.fits:
-                self._find(found.pose, proofs=0)  # it was followed all along
+            # Scans of what is not on the map fit by chance, and particles converge there, too.
+            followed = self._spread and not self._sees
+            if followed and share >= p.found and width < p.misfit_m and found.fit >= p.fits:
+                self._find(found.pose, proofs=0)
             return
         doubtful = share < p.lost or width > p.lost_m
         self._since = (self._since or self.now) if doubtful else None
