@@ -208,7 +208,8 @@ class Localization(Agent):
         self._epoch: int | None = None
         self._begun = False
         self._lost = self.p.start == "anywhere"
-        self._spread = False  # lost since the particles spread: they may converge again
+        self._spread = False  # lost since the particles spread: they may converge again,
+        self._converged = False  # and have
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._stayed: Pose2 | None = None  # where it is if it was not moved when it got lost
         self._since: float | None = None  # when it began to seem lost
@@ -396,10 +397,10 @@ class Localization(Agent):
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
         if self._lost:
-            # Scans of what is not on the map fit by chance, and particles converge there, too.
-            followed = self._spread and not self._sees
-            if followed and share >= p.found and width < p.misfit_m and found.fit >= p.fits:
-                self._find(found.pose, proofs=0)
+            fits = width < p.misfit_m and found.fit >= p.fits
+            self._converged = self._spread and share >= p.found and fits
+            if self._converged and not self._sees:
+                self._find(found.pose, proofs=0)  # it was followed all along
             return
         doubtful = share < p.lost or width > p.lost_m
         self._since = (self._since or self.now) if doubtful else None
@@ -520,8 +521,12 @@ class Localization(Agent):
             return
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
-        # Particles that have spread mostly still hold the true pose: leaving them takes more.
-        if self._sure >= self.p.found_times * (2 if self._spread else 1):
+        # Particles that have spread mostly still hold the true pose: leaving them takes more. They
+        # converge also where scans of what is not on the map fit by chance: a search has to agree.
+        needed = self.p.found_times * (2 if self._spread else 1)
+        if self._converged and self._at is not None and not apart(best.pose, self._at):
+            needed = 1
+        if self._sure >= needed:
             if self._spread:
                 self._filter.gather(search)
             elif best.pose == self._stayed:  # which the search itself may not have among its best

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from itertools import islice
+from itertools import islice, takewhile
 from math import exp, hypot, inf
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
@@ -65,7 +65,8 @@ class Settings(Struct, frozen=True):
     most_candidates: int = 64_000  # but not more than this;
     tries: int = 200  # the best of them are refined, with so many of the filter's particles
     rival: float = 10.0  # a place that fits worse by this has a share that is e times smaller
-    remembered: int = 40  # newest readings that are kept
+    remembered: int = 40  # newest readings that are kept,
+    reach_m: float = 12.0  # and used, back to here: the wheels' errors bend a longer way too far
     doubted: int = 16  # newest readings that may show that the robot is elsewhere
     apart_m: float = 0.15  # from one reading that is kept to the next, m,
     apart_rad: float = 0.2  # or rad
@@ -208,7 +209,8 @@ class History:
 
     def stretch(self, most: int | None = None) -> list[Behind]:
         """The newest readings, backwards, as seen from the robot's present pose."""
-        return list(islice(self._backwards(), most))
+        near = takewhile(lambda at: abs(at.way) < self._settings.reach_m, self._backwards())
+        return list(islice(near, most))
 
     def _backwards(self) -> Iterator[Behind]:
         to = relative(self._since, STOOD)
