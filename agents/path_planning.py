@@ -11,7 +11,6 @@ from armadico.agents.methods.energy import Pace, energy
 from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
 from armadico.agents.methods.planning import Plan as Way
 from armadico.agents.methods.planning import PlanError, plan, unknown
-from armadico.agents.methods.potential import Method
 from armadico.agents.methods.seen import Seen
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -45,7 +44,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     profile: str = "pioneer-2dx"
     recent_s: Annotated[float, Meta(ge=0, le=60)] = 3.0  # without a map: the latest that was seen
     round_corners: bool = False  # for the brisk controller; the thesis's turn at each waypoint
-    method: Method = "grid"  # how ways over cells are found
     pace: Pace = Pace()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
 
@@ -156,7 +154,6 @@ class PathPlanning(Agent):
             round_corners=self.p.round_corners,
             seen=seen,
             under_way=bool(request.why) or self._world is None,
-            method=self.p.method,
         )
 
     def _match(self, pose: Pose | None, said: Sonar | Scan | None) -> None:

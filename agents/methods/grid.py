@@ -249,7 +249,7 @@ def search_far(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float
     lowest = whole.reshape(rows, BLOCK, -1).min(axis=1).reshape(rows, columns, BLOCK).min(axis=2)
     price = np.minimum(lowest, _CLOSED)
     first, last = ((cell[0] // BLOCK, cell[1] // BLOCK) for cell in (start, goal))
-    passed = descent(_swept(price, last), price, first, last)
+    passed = _descent(_swept(price, last), price, first, last)
     if passed is None:
         return None
     off = np.arange(BLOCK) - BLOCK // 2
@@ -270,12 +270,6 @@ def search_far(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float
     for a, b in pairwise(way):
         total += 0.5 * math.hypot(b[0] - a[0], b[1] - a[1]) * float(costs[a] + costs[b])
     return way, total
-
-
-def navigation_function(costs: Field, goal: Cell) -> tuple[Field, Field]:
-    """Prices with no infinity in them, and the cost of the cheapest way from each cell."""
-    price = np.minimum(costs, _CLOSED)
-    return price, _swept(price, goal)
 
 
 def _around(costs: Field, here: Cell, there: Cell) -> list[Cell] | None:
@@ -347,7 +341,7 @@ def _swept(price: Field, goal: Cell) -> Field:
     return cost
 
 
-def descent(cost: Field, price: Field, start: Cell, goal: Cell) -> list[Cell] | None:
+def _descent(cost: Field, price: Field, start: Cell, goal: Cell) -> list[Cell] | None:
     """The blocks of the cheapest way, by what each costs to the goal; None if there is none."""
     if not np.isfinite(cost[start]):
         return None

@@ -23,7 +23,6 @@ from armadico.agents.methods.grid import (
     search,
     search_far,
 )
-from armadico.agents.methods.potential import Method, cells_by
 from armadico.config.worlds import Segment
 
 ESCAPE_M = 0.5
@@ -51,12 +50,7 @@ _SLACK_M = 0.1  # allowed on top of `_SLACK`: fewer turns for millimetres of cle
 
 
 def between(
-    grid: Grid,
-    margins: Margins,
-    a: Placed,
-    b: Placed,
-    area: Segment,
-    method: Method = "grid",
+    grid: Grid, margins: Margins, a: Placed, b: Placed, area: Segment
 ) -> list[Placed] | None:
     """Places of a way from `a` to `b`, both included, over cells within an area.
 
@@ -75,22 +69,16 @@ def between(
     )
     (row_a, column_a), (row_b, column_b) = grid.cell(near_a), grid.cell(near_b)
     part = costs[rows, columns]
-    ends = (
+    found = (search if part.size <= EXACT_CELLS else search_far)(
+        part,
         (row_a - rows.start, column_a - columns.start),
         (row_b - rows.start, column_b - columns.start),
     )
-    cells: list[Cell] | None
-    if method == "grid":
-        found = (search if part.size <= EXACT_CELLS else search_far)(part, *ends)
-        cells = None if found is None else found[0]
-    else:
-        clearance = grid.clearance[rows, columns]
-        cells = cells_by(method, part, clearance, margins.preferred_m, grid.cell_m, ends)
-    if cells is None:
+    if found is None:
         return None
     turns = [
         grid.centre((row + rows.start, column + columns.start))
-        for row, column in turns_of(cells)[1:-1]
+        for row, column in turns_of(found[0])[1:-1]
     ]
     short = shorten(grid, margins, costs, [near_a, *turns, near_b])
     return [*([a] if a != near_a else []), *short, *([b] if b != near_b else [])]

@@ -19,7 +19,6 @@ from msgspec import Struct
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
 from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, grid_of
 from armadico.agents.methods.path_smoothing import between, clear, rounded
-from armadico.agents.methods.potential import Method
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.errors import ConfigError
 from armadico.config.profile import Body
@@ -63,7 +62,6 @@ def plan(
     round_corners: bool = False,
     seen: Sequence[Segment] = (),
     under_way: bool = False,
-    method: Method = "grid",
 ) -> Plan:
     """The way from a pose to another.
 
@@ -78,7 +76,6 @@ def plan(
         seen: What stands there besides the walls.
         under_way: Whether the robot has driven to the start: then it is there, however near to a
             wall it is by its pose.
-        method: How ways over cells are found.
 
     Returns:
         Waypoints with headings along the way; the last one is the goal as asked for.
@@ -101,7 +98,7 @@ def plan(
     if clearance < body.width_m / 2:
         raise PlanError(f"something was seen {clearance:.2f} m from the goal {_at(goal)}")
     tries = [margins] if margins else [Margins(radius) for radius in radii(body)]
-    way = _widest(world, grid, tries, Placed(start.x, start.y), Placed(goal.x, goal.y), method)
+    way = _widest(world, grid, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
     if round_corners:
         way = _Way(rounded(grid, tries[-1], way.places), way.doors)
     stretches = list(pairwise(way.places))
@@ -138,18 +135,13 @@ def radii(body: Body) -> tuple[float, float, float]:
 
 
 def _widest(
-    world: World,
-    grid: Grid,
-    tries: Sequence[Margins],
-    start: Placed,
-    goal: Placed,
-    method: Method,
+    world: World, grid: Grid, tries: Sequence[Margins], start: Placed, goal: Placed
 ) -> _Way:
     """The way by the first margins that leave one; the last ones say why there is none."""
     for margins in tries[:-1]:
         with suppress(PlanError):
-            return _Planner(world, grid, margins, method).way(start, goal)
-    return _Planner(world, grid, tries[-1], method).way(start, goal)
+            return _Planner(world, grid, margins).way(start, goal)
+    return _Planner(world, grid, tries[-1]).way(start, goal)
 
 
 class _Way(NamedTuple):
@@ -185,8 +177,7 @@ class _Mark(NamedTuple):
 class _Planner:
     """One world's grid, and how its doors are passed."""
 
-    def __init__(self, world: World, grid: Grid, margins: Margins, method: Method) -> None:
-        self.method: Method = method
+    def __init__(self, world: World, grid: Grid, margins: Margins) -> None:
         self.world, self.grid, self.margins = world, grid, margins
         self.areas = {area.name: (area.x1, area.y1, area.x2, area.y2) for area in world.rooms}
         self.doors = {door.name: door for door in world.doors}
@@ -205,7 +196,7 @@ class _Planner:
                 return self._through_rooms(start, goal)
             except PlanError as error:
                 why = str(error)
-        places = between(self.grid, self.margins, start, goal, self.world.bounds, self.method)
+        places = between(self.grid, self.margins, start, goal, self.world.bounds)
         if places is None:
             raise PlanError(why)
         return _Way(places)
@@ -261,7 +252,7 @@ class _Planner:
                 places.append(there.place)
                 continue
             area = self.areas[there.leg.room]
-            found = between(self.grid, self.margins, here.place, there.place, area, self.method)
+            found = between(self.grid, self.margins, here.place, there.place, area)
             if found is None:
                 return there.leg
             places += found[1:]
