@@ -7,13 +7,7 @@ from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from armadico.agents.methods.free_heading import open_heading
-from armadico.agents.methods.thesis_avoid import (
-    NonNegative,
-    Positive,
-    ZoneParameters,
-    literal,
-    scale,
-)
+from armadico.agents.methods.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
 from armadico.core.behaviour import Behaviour
@@ -107,7 +101,6 @@ class Avoid(Behaviour):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._scale = 1.0  # of the zones
         self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
@@ -139,10 +132,9 @@ class Avoid(Behaviour):
     def _safe(self, obstacles: Obstacles, pose: Pose, state: RobotState) -> Bid | None:
         p, points, scene = self.p, obstacles.points, self.scene(obstacles)
         v, way = max(state.v, 0.0), self._way(pose, obstacles)
-        self._scale = scale(points, p)
         along = self._along(points, v, state.w)
         free = min(along, self._toward(points, way))
-        utility = ramp_down(free, self._scale * p.stop.border(v), self._scale * p.caution.border(v))
+        utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
         if self._stuck(pose, state):
             utility = 1.0
         self._unlatch(pose)
@@ -201,10 +193,8 @@ class Avoid(Behaviour):
     def _zone(self, free: float, v: float) -> tuple[float, str]:
         """The speed for a free way, m/s, and the zone's name."""
         p = self.p
-        stop, danger, caution = (
-            self._scale * zone.border(v) for zone in (p.stop, p.danger, p.caution)
-        )
-        top = min(p.v_max or inf, p.v_top * max(1.0, self._scale))
+        stop, danger, caution = (zone.border(v) for zone in (p.stop, p.danger, p.caution))
+        top = min(p.v_max or inf, p.v_top)
         if free >= danger:
             share = min((free - danger) / max(caution - danger, 1e-6), 1.0)
             return min(p.v_caution + share * (top - p.v_caution), top), "caution"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import atan2, copysign, hypot, pi, radians
+from math import atan2, copysign, hypot, radians
 from typing import Annotated
 
 from msgspec import Meta, Struct
@@ -17,10 +16,6 @@ from armadico.core.swept_path import Outline
 
 NonNegative = Annotated[float, Meta(ge=0, le=10)]
 Positive = Annotated[float, Meta(gt=0, le=10)]
-
-
-SECTORS = 18
-"""Of the local map (thesis 3.4.2): those with a point in reach tell how cluttered it is."""
 
 
 class Zone(Struct, frozen=True, forbid_unknown_fields=True):
@@ -48,24 +43,8 @@ class ZoneParameters(agent.Parameters, frozen=True, kw_only=True):
     w_max: Positive = radians(60)
     w_stop: Positive = radians(45)
     abeam: Positive = radians(80)  # thesis: steer the obstacle here
-    narrower: Annotated[float, Meta(ge=0, le=0.9)] = 0.0  # zones shrink by, with things all round
-    wider: Annotated[float, Meta(ge=0, le=1)] = 0.0  # and grow by, with nothing around
-    clutter_m: Positive = 2.0  # what is farther clutters nothing
     u_heading_low: Positive = radians(40)
     u_heading_high: Positive = radians(120)
-
-
-def scale(points: Sequence[Point], p: ZoneParameters) -> float:
-    """How the zones adapt to clutter: narrower among many objects, wider among few (3.5.2)."""
-    if p.narrower == p.wider == 0.0:
-        return 1.0
-    near = {
-        int((atan2(one.y, one.x) + pi) / (2.0 * pi) * SECTORS) % SECTORS
-        for one in points
-        if hypot(one.x, one.y) <= p.clutter_m
-    }
-    share = len(near) / SECTORS
-    return 1.0 - p.narrower * share + p.wider * (1.0 - share)
 
 
 def literal(obstacles: Obstacles, v: float, outline: Outline, p: ZoneParameters) -> Bid | None:
@@ -74,8 +53,7 @@ def literal(obstacles: Obstacles, v: float, outline: Outline, p: ZoneParameters)
     `v` is the measured speed, m/s. None if nothing is in the way.
     """
     around = turning_circle(*outline)  # from a range to the distance left
-    by = scale(obstacles.points, p)
-    borders = [by * zone.border(v) for zone in (p.stop, p.danger, p.caution)]
+    borders = [zone.border(v) for zone in (p.stop, p.danger, p.caution)]
     best: tuple[float, float, Point] | None = None
     for point in (obstacles.closest, obstacles.front):
         if point is None:
