@@ -96,9 +96,11 @@ class Launcher(LiveRun):
         trace: TracebackType | None,
     ) -> None:
         """Take everything down; the logs stay if something went wrong."""
+        began = bool(self.processes)
         self.stop()
-        if not self.processes or (error is None and not self._mourned):
-            shutil.rmtree(self.logs, ignore_errors=True)  # nobody began, or ended badly: no words
+        well = error is None or isinstance(error, KeyboardInterrupt)
+        if not began or (well and not self._mourned):
+            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
 
     def run(
         self,

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from shutil import rmtree
 from signal import SIGHUP, SIGINT, SIGTERM, Signals
 
 import psutil
@@ -253,6 +254,8 @@ def test_a_run_in_which_nobody_can_drive_any_more_ends_and_names_who_is_missing(
     assert result.tt_s < launcher.limit / 2, "it did not wait for its time to be up"
     over = "nobody has claimed the wheels for 1.5 s, and avoid, gothrough, goto are gone"
     assert any(text.startswith(over) for text in said), said
+    assert (launcher.logs / "goto.log").is_file(), "there is something to read"
+    rmtree(launcher.logs)
 
 
 def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(
