@@ -191,7 +191,7 @@ class Localization(Agent):
         self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
         self._sees = profile.laser is not None
-        self._grid, self._clear_m = grid, profile.body.width_m / 2 - 2 * CELL_M
+        self._grid, clear_m = grid, profile.body.width_m / 2 - 2 * CELL_M
         self._confirm = self.p.confirm or (LASER if self._sees else SONARS)
         self._filter = MonteCarlo(
             model_of(grid, profile),
@@ -199,7 +199,7 @@ class Localization(Agent):
             np.random.default_rng(self.rng.getrandbits(63)),
             self.p.filter or (monte_carlo.LASER if self._sees else Settings()),
             profile.wheels,
-            lambda x, y: grid.clearances(x, y) > self._clear_m,
+            lambda x, y: grid.clearances(x, y) > clear_m,
         )
         self._ping_s = 0.0 if self._sees else profile.ring.period_s
         self._scan: int | None = None  # the last one's number
@@ -487,7 +487,7 @@ class Localization(Agent):
         )
 
     def _lose(self, why: str, *, spread: bool = False) -> None:
-        self._lost, self._spread, self._since = True, spread, None
+        self._lost, self._spread, self._converged, self._since = True, spread, False, None
         self._sure = self._unproved = 0
         self._search = self._stayed = None
         self.log(f"the robot is lost: {why}", WARNING)

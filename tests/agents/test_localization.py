@@ -953,8 +953,8 @@ def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
 
 
 def test_wheels_that_are_worse_than_the_profile_says_are_reported(world: str) -> None:
-    for drift, worn in ((0.02, False), (0.3, True)):
-        robot = Robot(Parameters(world=world))
+    for drift, worn in ((0.02, False), (0.2, True)):
+        robot = Robot(Parameters(world=world), seed=0)
         for pose, motion in drive(START, 400, drift=drift):
             robot.at(pose, motion, pose)
         card = robot.agent.card()

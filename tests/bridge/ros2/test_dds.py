@@ -9,7 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -101,14 +101,11 @@ class Line:
     def open(self) -> None:
         """Open it again, as its driver does: until it can be."""
         while True:
-            try:
+            # Rare: Cyclone refuses a topic's type while it forgets what it knew of that type
+            # (DDS_RETCODE_BAD_PARAMETER).
+            with suppress(TransportError):
                 self.transport.open()
-            except TransportError:
-                # Rare: Cyclone refuses a topic's type while it forgets what it knew of that type
-                # (DDS_RETCODE_BAD_PARAMETER).
-                continue
-            break
-        self.begin()
+                return self.begin()
 
     def begin(self) -> None:
         self.decoder, self.seen = Decoder(), Seen()
