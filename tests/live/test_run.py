@@ -29,12 +29,31 @@ from tests.programs import Start, starter
 
 pytestmark = pytest.mark.live
 
+LONG = """2D-Map
+LineMinPos: -30000 -3000
+LineMaxPos: 30000 3000
+LINES
+DATA
+"""
+"""A field without walls, 60 m long: see `far`."""
+
 
 @pytest.fixture
 def run(apart: None) -> Iterator[Start]:
     """Start `armadico` with these words; killed with all its children if it is left."""
     with starter() as start:
         yield start
+
+
+@pytest.fixture
+def far(tmp_path: Path) -> list[str]:
+    """`armadico run` of 50 m straight on. It lasts 75 s, so that on a busy machine the run still
+    goes on when another program has started beside it.
+    """
+    world = tmp_path / "long.map"
+    world.write_text(LONG)
+    ends = ("--start", "-25", "0", "0", "--goal", "25", "0", "0")
+    return ["run", "--world", str(world), *ends, "--sensors", "ideal", "--no-plot"]
 
 
 def children(pid: int) -> list[psutil.Process]:
@@ -108,9 +127,9 @@ def test_an_exploration_that_is_interrupted_keeps_the_map_so_far(
 
 
 def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
-    run: Start, observer: Observer
+    run: Start, observer: Observer, far: list[str]
 ) -> None:
-    process = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
+    process = run(*far)
     observer.until(observer.driving, "the robot is on its way")
     everybody = children(process.pid)
     try:
@@ -138,9 +157,9 @@ def test_down_leaves_alone_what_somebody_who_lives_has_started(
 
 
 def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
-    run: Start, observer: Observer
+    run: Start, observer: Observer, far: list[str]
 ) -> None:
-    first = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
+    first = run(*far)
     observer.until(observer.driving, "the first is on its way")
     (robot,) = [instance for name, instance in observer.client.alive if name == "robot"]
     second = run("run", "sc1", "--no-plot")
@@ -154,11 +173,11 @@ def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
 
 
 def test_a_mission_that_is_sent_into_a_run_is_driven_to_its_end(
-    run: Start, observer: Observer
+    run: Start, observer: Observer, far: list[str]
 ) -> None:
-    first = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
+    first = run(*far)
     observer.until(observer.driving, "the run is on its way")
-    sent = run("goto", "1.0", "0.5")
+    sent = run("goto", "-20", "0.5")
     said, errors = sent.communicate(timeout=SOON)
     assert "the goal is reached" in said, errors
     _, errors = first.communicate(timeout=SOON)
