@@ -256,7 +256,7 @@ class Monitor(Agent):
 
     def on_wakeup(self) -> None:
         """Look at everybody, and do something about it if it is the one that acts."""
-        if self.now - self._look_at > SLEPT_S:
+        if self.now - self._look_at > SLEPT_S or not self.reachable:
             self._slept()
         self._look_at = self.now + LOOK_S
         self.wake_at(self._look_at)
@@ -274,6 +274,10 @@ class Monitor(Agent):
                 self._replace(name, self.now - since, busy)
             self._stop()
         self._report()
+
+    def on_router(self) -> None:
+        """Cut off, it hears nobody: that is no fault of theirs."""
+        self._slept()
 
     def _slept(self) -> None:
         """Whatever was not heard meanwhile is no fault of the others."""
@@ -364,6 +368,10 @@ class Monitor(Agent):
                         " the machine is slow or disconnected, none is restarted"
                     )
                     self.log(self._note, WARNING)
+        for process in self._unseen:  # the last of a host come back a little after the first
+            host = self._shares[process[0]][0].host
+            if host in slow and host not in self._slow:
+                self._unseen[process] = self.now
 
     def _patience(self, host: str) -> float:
         """By how much the limits of a host's agents are multiplied."""

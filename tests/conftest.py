@@ -13,7 +13,9 @@ from contextlib import suppress
 import pytest
 from hypothesis import HealthCheck, settings
 
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 from tests.once import Once
+from tests.runtime_folder import session_folder
 
 # Hundreds of processes are started, and each would compile all that it imports, where the
 # environment says that nothing compiled is to be kept.
@@ -53,6 +55,14 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
     gc.set_threshold(SELDOM)
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def sockets_of_its_own() -> Iterator[None]:
+    """Have the processes of a session's tests find each other, and nobody else's."""
+    with session_folder() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv(RUNTIME_VARIABLE, folder)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.config.discovery import AGENTS, agent_class, installed
+from armadico.config.discovery import AGENTS, agent_class, installed, owners
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent
@@ -24,8 +24,7 @@ EXAMPLES: Final = """\
   armadico-agent goto avoid gothrough        three agents in one process, each as if alone
   armadico-agent robot --set port=serial:///dev/ttyUSB0
   armadico-agent goto --set v_max=0.4
-  armadico-agent encoder --listen tcp/192.168.1.5:7450    this machine's address: others may connect
-  armadico-agent avoid --connect tcp/192.168.1.5:7450     from any machine, this one too
+  armadico-agent avoid --connect tcp/192.168.1.5:7447     the robot's router, from another machine
   armadico-agent goto --host lab2 --hosts lab.toml        this machine is lab2 of that host table
 """
 
@@ -108,13 +107,15 @@ def _signals_held() -> Iterator[None]:
 def _serve(args: argparse.Namespace) -> int:
     kinds = [agent_class(name) for name in args.names]
     from armadico.core.agent import DeviceAgent  # noqa: PLC0415 - not for --help
+    from armadico.core.resources import WHEELS  # noqa: PLC0415
     from armadico.runtime.blame import blaming  # noqa: PLC0415
     from armadico.runtime.port_reader import open_port  # noqa: PLC0415
     from armadico.runtime.process import identity, serve  # noqa: PLC0415
 
     parameters = [_parameters(kind, args) for kind in kinds]
     where = options.placed(args, passing=False)
-    mesh = options.join_at(args, where, passing=False)
+    router = any(owners(args.names, WHEELS))
+    mesh = options.join_at(args, where, router=router, starts=True)
     logging.basicConfig(
         level=logging.INFO,
         stream=sys.stderr,

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 PORTS: Final = {"dashboard": ("--port=0", "--web-port=0"), "page": ("--port=0",)}
 """The commands that can be beside a run; each takes ports that are free."""
 
+STARTING: Final = "--starting"
+"""Tells them that the robot agent is being started: that there is none yet is not reported."""
+
 PAGE_ENDS: Final = (
     "the page ends with this run; `armadico up SCENARIO --page` serves one that stays"
 )
@@ -52,7 +55,7 @@ def beside(
     """
     from armadico.launch.processes import command_line  # noqa: PLC0415 - not for --help
 
-    words = [command, *PORTS[command], *options.joining(args)]
+    words = [command, STARTING, *PORTS[command], *options.joining(args)]
     words += [] if world is None else [f"--world={world}"]
     words += [f"--namespace={name}" for name in namespaces or (args.namespace,)]
     process = subprocess.Popen(

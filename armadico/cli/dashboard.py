@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.beside import STARTING
 from armadico.cli.options import FailedError, UsageError
 from armadico.observe.screen import has_screen
 
@@ -113,6 +114,7 @@ def parser() -> argparse.ArgumentParser:
         help=f"of the page, 0: one that is free (default: {WEB_PORT})",
     )
     made.add_argument("--no-open", action="store_true", help="do not open a browser")
+    made.add_argument(STARTING, action="store_true", help=argparse.SUPPRESS)
     options.add_mesh_options(made, several=True)
     return made
 
@@ -158,7 +160,8 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
     with ExitStack() as stack:
         recording, uri = serve(worlds, port, args.record)
         stack.callback(close, recording)
-        meshes = [stack.enter_context(mesh) for mesh in options.join_each(args, list(worlds))]
+        joining = options.join_each(args, list(worlds), starts=args.starting)
+        meshes = [stack.enter_context(mesh) for mesh in joining]
         spaces = [mesh.namespace for mesh in meshes]
         scenes = [Scene(recording, worlds[space], space, zones()) for space in spaces]
         live = Live(meshes, scenes, options.teller("armadico dashboard"))

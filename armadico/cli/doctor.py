@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.config.discovery import providers
-from armadico.mesh.topology import WELL_KNOWN, MeshError
+from armadico.mesh.topology import MeshError, TopologyError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
@@ -39,6 +39,10 @@ LOW_SHARE: Final = 0.2
 
 REACH_S: Final = 0.5
 """A host that does not answer within this is not reached."""
+
+BEGIN: Final = (
+    "`armadico up` starts a society; --namespace, --hosts and --connect say where to look for one"
+)
 
 EXAMPLES: Final = """\
   armadico doctor
@@ -87,7 +91,8 @@ def parser() -> argparse.ArgumentParser:
 
 def examine(args: argparse.Namespace) -> Iterator[Finding]:
     yield from versions()
-    yield from ports()
+    yield from port()
+    yield from router(args)
     heard = yield from mesh(args)
     named = yield from hosts(args)
     yield clocks({**dict.fromkeys(named), **heard})
@@ -155,18 +160,30 @@ def _is_off(requirement: str, has: str) -> bool:
     return bool(exact) and "*" not in asked and asked != has
 
 
-def ports() -> Iterator[Finding]:
-    """Who listens on the well-known ports, and on the controller's."""
-    for endpoint in WELL_KNOWN:
-        port = int(endpoint.rpartition(":")[2])
-        owner = listener(port)
-        if owner is None:
-            yield Finding(f"port {port}", OK, "is free")
-        elif owner.startswith("armadico"):
-            yield Finding(f"port {port}", OK, f"is an agent's: {owner}")
-        else:
-            todo = "other ports can be named: ARMADICO_ENDPOINTS, or a host table"
-            yield Finding(f"port {port}", NOTE, f"is taken by {owner}", todo)
+def router(args: argparse.Namespace) -> Iterator[Finding]:
+    """Whether sockets can be made here, and which process is the namespace's router."""
+    import psutil  # noqa: PLC0415 - not for --help
+
+    from armadico.mesh.sockets import holder, socket_of  # noqa: PLC0415
+
+    try:
+        path = socket_of(args.namespace)
+    except TopologyError as error:
+        yield Finding("socket", WRONG, str(error))
+        return
+    there = holder(path)
+    if there is None:
+        yield Finding("socket", OK, f"{path}: no router of {args.namespace!r} on this machine")
+        return
+    try:
+        words = called(psutil.Process(there.pid).cmdline())
+    except psutil.Error:
+        words = "a process"
+    yield Finding("socket", OK, f"{path} is {words}'s (pid {there.pid})")
+
+
+def port() -> Iterator[Finding]:
+    """Who listens on the simulated controller's port."""
     owner = listener(CONTROLLER_PORT)
     what = "is free" if owner is None else f"is taken by {owner}"
     todo = "" if owner is None else "a second simulator needs `armadico sim --port 0`"
@@ -245,7 +262,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     Returns the machines that agents say they are on, and how far their clocks are ahead (s).
     """
     where = options.placed(args)
-    joined = options.join_at(args, where)
+    joined = options.join_at(args, where, starts=True)
     from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
     from armadico.observe.standing import standing  # noqa: PLC0415
@@ -253,32 +270,33 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     from armadico.observe.watching import Watcher, listen  # noqa: PLC0415
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
-    wanted = where is not None and where.table.multicast
-    yield Finding("multicast", OK, "on: the table says so" if wanted else "off: hosts are named")
     try:
         with joined:
             client, watcher, view = Client(joined), Watcher([joined]), View()
             watcher.watch_alive()
+            watcher.watch_router(view)
             watcher.hear()
             cards = client.cards()
             listen(watcher, view, HEAR_S)
             now = watcher.clock() / 1e9
             strangers = view.strangers(now)
-            links = len(joined.met())
-    except MeshError as error:
-        routed = where is not None and where.table.router is not None
-        todo = "does zenohd run there?" if routed else "name another endpoint: --listen"
-        yield Finding("mesh", WRONG, str(error), todo)
+            linked, hung, missing = joined.wait_joined(0.0), joined.hung, joined.missing
+    except (MeshError, TopologyError) as error:
+        yield Finding("mesh", WRONG, str(error))
+        return {}
+    if not linked:
+        what, _, todo = missing.partition("; ")
+        yield Finding("mesh", WRONG if hung else NOTE, what, todo if hung else BEGIN)
         return {}
     if strangers:
         what = f"{', '.join(strangers)}: in this namespace, and no simulator of its robot"
         yield Finding("sim/truth", WRONG, what, "end it, or give it its own --namespace")
     if not cards:
-        todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
-        yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
+        yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", BEGIN)
         return {}
-    yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
-    if any(card and WHEELS.name in card.owns for card in cards.values()):
+    yield Finding("mesh", OK, f"{len(cards)} agents")
+    has_robot = any(card and WHEELS.name in card.owns for card in cards.values())
+    if has_robot or view.cut_since is not None:
         yield stands(standing(view, now, providers, options.agents_by_host(args)))
     yield from () if view.state is None else robot(view.state, view.level)
     yield from () if view.pose is None else (pose(view.pose),)
@@ -382,7 +400,7 @@ def pose(known: Pose) -> Finding:
 
 
 def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
-    """Each machine of the host table, if one was named: one endpoint that answers is enough.
+    """Each machine of the host table, if one was named: whether its router answers.
 
     Returns the names of those machines.
     """
@@ -424,20 +442,15 @@ def clocks(offsets: Mapping[str, float | None]) -> Finding:
 
 
 def _host(name: str, host: Host) -> Finding:
-    from armadico.config.hosts import ANYWHERE  # noqa: PLC0415 - not for --help
-
-    known = [e for e in host.endpoints if e.partition("/")[2].rpartition(":")[0] not in ANYWHERE]
-    if not known:
-        return Finding(f"host {name}", OK, "has no address of its own to look at")
-    answering = [endpoint for endpoint in known if _answers(endpoint)]
-    if answering:
-        return Finding(f"host {name}", OK, f"answers on {', '.join(answering)}")
+    if host.router is None:
+        return Finding(f"host {name}", OK, "connects to the robot's router")
+    if _answers(host.router):
+        return Finding(f"host {name}", OK, f"answers on {host.router}")
     return Finding(
         f"host {name}",
         WRONG,
-        f"nobody answers on {', '.join(known)}",
-        f"is an agent running there (armadico-agent NAME --host {name})? does a firewall stand"
-        " between?",
+        f"nobody answers on {host.router}",
+        f"is it up there (armadico up --host {name})? does a firewall stand between?",
     )
 
 

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Heard, Watcher
@@ -88,18 +87,20 @@ def add_pattern(made: argparse.ArgumentParser) -> None:
 
 
 def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
-    """The next thing heard. Raises AbsentError if nothing comes within ``--timeout``."""
+    """The next thing heard. Raises an error if nothing comes within ``--timeout``."""
     what = f"nothing is published on {args.pattern}"
     item = watcher.take(min(args.timeout or HINT_S, HINT_S))
+    (mesh,) = watcher.meshes
     if item is None and args.timeout is None:
-        note = f"armadico: {what} (namespace {args.namespace!r}); waiting, Ctrl-C ends it"
-        print(note, file=sys.stderr)
+        if mesh.wait_joined(0.0):  # else it is reported that there is no robot agent
+            note = f"armadico: {what} (namespace {args.namespace!r}); waiting, Ctrl-C ends it"
+            print(note, file=sys.stderr)
         while item is None:
             item = watcher.take(60.0)
     elif item is None:
         item = watcher.take(args.timeout - HINT_S)
     if item is None:
-        raise AbsentError(what, args.namespace)
+        raise options.absent(mesh, args.timeout, what)
     return item
 
 

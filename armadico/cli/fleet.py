@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
+from armadico.cli.run_options import check_connect
 from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
 if TYPE_CHECKING:
@@ -114,6 +115,7 @@ def _live(
     from armadico.launch.fleet import names_of, robots_of  # noqa: PLC0415
     from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415
 
+    check_connect(args)
     options.end_as_by_ctrl_c()
     fleet, joining = fleet_of(args), options.joining(args)
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
@@ -148,6 +150,7 @@ def _attached(
     options.end_as_by_ctrl_c()
     run = AttachedFleet(
         *(scenario, chosen, args.robots, fleet_of(args), _joiner(args), options.say),
+        scouts=_scouts(args),
         replace=args.replace,
     )
     with run:
@@ -162,11 +165,33 @@ def _joiner(args: argparse.Namespace) -> Callable[[str], Mesh]:
     """Who joins the mesh in a robot's namespace."""
 
     def join(namespace: str) -> Mesh:
-        mesh = options.join(argparse.Namespace(**{**vars(args), "namespace": namespace}))
+        one = argparse.Namespace(**{**vars(args), "namespace": namespace})
+        mesh = options.join(one, starts=True)  # who is missing, the run says itself
         mesh.open()
         return mesh
 
     return join
+
+
+def _scouts(args: argparse.Namespace) -> Callable[[], Iterator[Mesh]]:
+    """What gives an open mesh for each router of the fleet to which none has been given yet."""
+    from armadico.launch.fleet import names_of  # noqa: PLC0415 - not for --help
+    from armadico.mesh.sockets import fleet_here  # noqa: PLC0415
+    from armadico.mesh.topology import topology  # noqa: PLC0415
+    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
+
+    where = options.placed(args)
+    named = args.connect or ([] if where is None else where.table.fleet)
+    name, known = names_of(fleet_of(args), 1)[0], set[str]()
+
+    def scouts() -> Iterator[Mesh]:
+        for endpoint in {*named, *(() if args.connect else fleet_here(name))} - known:
+            known.add(endpoint)
+            mesh = ZenohMesh(name, topology(connect=endpoint), starts=True)
+            mesh.open()
+            yield mesh
+
+    return scouts
 
 
 def _recorded(rehearsal: FleetRehearsal, scenario: Scenario, path: Path) -> Recorded:

@@ -23,10 +23,9 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Show what may be changed."""
     args = parser().parse_args(argv)
-    mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
-    with mesh:
+    with options.joined(args) as mesh:
         replies = Client(mesh).parameters(args.agent, args.timeout)
     rows = [
         (name, instance, row)

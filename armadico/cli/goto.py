@@ -41,12 +41,11 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Send the robot to a pose."""
     args = parser().parse_args(argv)
-    mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     mission = None
     try:
-        with mesh, ExitStack() as stack:
+        with options.joined(args) as mesh, ExitStack() as stack:
             client, reason = Client(mesh), Reason(mesh, options.agents_by_host(args))
             mission = _sent(client, args)
             show = _shower(stack, mission.length)
@@ -77,6 +76,7 @@ class Reason:
         self._hosts = hosts
         self._ask_at = 0.0
         self._watcher.watch_alive()
+        self._watcher.watch_router(self._view)
         self._watcher.hear()
 
     def now(self) -> str:

@@ -23,10 +23,9 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
-    mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
-    with mesh:
+    with options.joined(args) as mesh:
         cards = Client(mesh).cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:

@@ -30,10 +30,9 @@ def main(argv: Sequence[str]) -> int:
     from armadico.config.grid_map import check_suffix  # noqa: PLC0415 - heavy
 
     check_suffix(args.file)
-    mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - heavy
 
-    with mesh:
+    with options.joined(args) as mesh:
         print(save(Client(mesh), args.file))
     return 0
 

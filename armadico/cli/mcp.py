@@ -25,7 +25,7 @@ def main(argv: Sequence[str]) -> int:
     mesh = options.join(args)
     from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
     from armadico.config.missions import load_mission  # noqa: PLC0415
-    from armadico.config.scenarios import society  # noqa: PLC0415
+    from armadico.config.scenarios import society as standard  # noqa: PLC0415
     from armadico.config.shipped import names  # noqa: PLC0415
     from armadico.observe.mcp.answers import Society  # noqa: PLC0415
     from armadico.observe.mcp.lines import Lines  # noqa: PLC0415
@@ -38,15 +38,17 @@ def main(argv: Sequence[str]) -> int:
     with ExitStack() as stack:
         stack.enter_context(mesh)
         watcher = Watcher([mesh])
+        society = Society(world, missions, providers, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
+        watcher.watch_router(society.view)
         watcher.hear()
         helpers = stack.enter_context(Helpers(args))
         server = Server(
             (Client(mesh), Client(mesh)),
             watcher,
-            Society(world, missions, providers, begun=watcher.clock() / 1e9),
+            society,
             Lines(options.version()),
-            lambda: helpers.start(args.namespace, society().assistant),
+            lambda: helpers.start(args.namespace, standard().assistant),
             sys.stdout.buffer,
         )
         server.serve(sys.stdin.buffer)

@@ -152,7 +152,7 @@ def _plain(mission: Mission) -> dict[str, object]:
 
 
 def _status(args: argparse.Namespace) -> int:
-    with options.join(args) as mesh:
+    with options.joined(args) as mesh:
         board = _board(_client(mesh))
         missions = () if board is None else board.missions
         if args.json:
@@ -169,7 +169,7 @@ def _status(args: argparse.Namespace) -> int:
 
 def _alarms(args: argparse.Namespace) -> int:
     """The alarms that are remembered; apart from `status`, whose list is of missions."""
-    with options.join(args) as mesh:
+    with options.joined(args) as mesh:
         board = _board(_client(mesh))
     rooms = () if board is None else board.alarms
     checked = {room: board is not None and room not in board.unchecked for room in rooms}
@@ -184,7 +184,7 @@ def _alarms(args: argparse.Namespace) -> int:
 
 
 def _log(args: argparse.Namespace) -> int:
-    with options.join(args) as mesh:
+    with options.joined(args) as mesh:
         board = _board(_client(mesh))
         missions = () if board is None else board.missions
         chosen = _chosen(missions, args.name) if args.name is not None else list(missions)
@@ -206,7 +206,7 @@ def _cancel(args: argparse.Namespace) -> int:
     from armadico.core.messages import MissionCancel, MissionReply  # noqa: PLC0415
     from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
 
-    with options.join(args) as mesh:
+    with options.joined(args) as mesh:
         client = _client(mesh)
         numbers = [0]
         if args.name is not None:

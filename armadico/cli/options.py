@@ -11,8 +11,9 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from importlib.util import find_spec
@@ -22,7 +23,6 @@ from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
-    ENDPOINTS_VARIABLE,
     NAMESPACE_VARIABLE,
     MeshError,
     TopologyError,
@@ -30,7 +30,7 @@ from armadico.mesh.topology import (
     default_namespace,
     topology,
 )
-from armadico.runtime.errors import SocietyError
+from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,6 +50,12 @@ HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 
 NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
 """A negative number, as Python writes them: a value, and no option."""
+
+JOIN_S: Final = 1.0
+"""How long a command that is soon done waits for a robot agent: it ends within 2 s without one."""
+
+SAY_S: Final = 1.5
+"""As in `armadico.mesh.zenoh`, which --help does without."""
 
 HOST_HELP: Final = "this machine's name in the host table (default: found by its addresses)"
 
@@ -136,23 +142,16 @@ def add_mesh_options(
         "--hosts",
         metavar="TABLE",
         help=f"the host table: a TOML file, or the name of a shipped one, demo or localhost"
-        f" (default: ${HOSTS_VARIABLE} unless --connect or --listen is given; with --host alone,"
-        " localhost; else none is needed)",
+        f" (default: ${HOSTS_VARIABLE} unless --connect is given; with --host alone, localhost;"
+        " else none is needed)",
     )
     mesh.add_argument(
         "--connect",
         metavar="ENDPOINT",
         action="append",
         default=[],
-        help="connect to this, such as tcp/192.168.1.5:7450; may be repeated"
-        f" (default: ${ENDPOINTS_VARIABLE}, or this machine's four well-known ports)",
-    )
-    mesh.add_argument(
-        "--listen",
-        metavar="ENDPOINT",
-        action="append",
-        default=[],
-        help="listen on this; may be repeated (default: the first well-known port that is free)",
+        help="where the robot's router is, such as tcp/192.168.1.5:7447; may be repeated (default:"
+        " the host table's, or this machine's)",
     )
 
 
@@ -230,19 +229,50 @@ def namespaces(args: argparse.Namespace) -> list[str]:
     return [checked_namespace(name) for name in dict.fromkeys(named)]
 
 
-def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[ZenohMesh]:
-    """A mesh for each namespace, not opened yet; what is asked to listen, the first does."""
-    found = []
-    for number, namespace in enumerate(namespaces):
-        listen = args.listen if number == 0 else []
-        one = argparse.Namespace(**{**vars(args), "namespace": namespace, "listen": listen})
-        found.append(join(one))
-    return found
+def join_each(
+    args: argparse.Namespace, namespaces: Sequence[str], *, starts: bool = False
+) -> list[ZenohMesh]:
+    """A mesh for each namespace, not opened yet; `starts` as in `ZenohMesh`."""
+    return [
+        join(argparse.Namespace(**{**vars(args), "namespace": namespace}), starts=starts)
+        for namespace in namespaces
+    ]
 
 
-def join(args: argparse.Namespace, *, passing: bool = True) -> ZenohMesh:
-    """The mesh that the options name, not opened yet; `passing`: as a tool that is soon gone."""
-    return join_at(args, placed(args, passing=passing), passing=passing)
+def join(args: argparse.Namespace, *, passing: bool = True, starts: bool = False) -> ZenohMesh:
+    """The mesh that the options name, not opened yet.
+
+    `passing`: by a tool, and not by an agent; `starts` as in `ZenohMesh`.
+    """
+    return join_at(args, placed(args, passing=passing), starts=starts)
+
+
+@contextmanager
+def at_once(mesh: ZenohMesh) -> Iterator[ZenohMesh]:
+    """The mesh, opened, for a command that is soon done: joined, unless there is no robot agent."""
+    until = time.monotonic() + JOIN_S
+    with mesh:
+        mesh.wait_joined(until - time.monotonic())
+        yield mesh
+
+
+@contextmanager
+def joined(args: argparse.Namespace) -> Iterator[ZenohMesh]:
+    """The mesh that the options name, joined. Raises FailedError if there is no robot agent."""
+    with at_once(join(args, starts=True)) as mesh:
+        if not mesh.wait_joined(0.0):
+            raise FailedError(mesh.missing)
+        yield mesh
+
+
+def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedError:
+    """What a command ends with that waited for so long (s) in vain; `what` did not happen.
+
+    A missing robot agent is reported once: by the mesh, if there was time for it.
+    """
+    if mesh.wait_joined(0.0):
+        return AbsentError(what, mesh.namespace)
+    return FailedError(what if waited > SAY_S else mesh.missing)
 
 
 def placed(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
@@ -273,34 +303,24 @@ def join_at(
     args: argparse.Namespace,
     where: Place | None,
     *,
-    passing: bool = True,
-    patient: bool = False,
+    router: bool = False,
+    starts: bool = False,
 ) -> ZenohMesh:
-    """The mesh as it is reached from a place, not opened yet.
-
-    `patient`: as long as it takes, if the place has a router.
-    """
-    chosen = topology(
-        listen=args.listen,
-        connect=args.connect,
-        host_endpoints=() if where is None else where.endpoints,
-        all_endpoints=() if where is None else where.table.endpoints(),
-        router=None if where is None else where.table.router,
-        multicast=where is not None and where.table.multicast,
-        passing=passing,
-    )
-    if patient:
-        chosen = replace(chosen, patience_s=float("inf"))
+    """The mesh as it is reached from a place, not opened yet. Raises TopologyError."""
+    if where is None:
+        chosen = topology(router=router, connect=args.connect)
+    else:
+        chosen = where.topology(router=router, connect=args.connect)
     namespace = checked_namespace(args.namespace)
     from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for --help
 
-    return ZenohMesh(namespace, chosen)
+    return ZenohMesh(namespace, chosen, starts=starts)
 
 
 def joining(args: argparse.Namespace) -> list[str]:
     """The options by which another process on this machine finds the same mesh.
 
-    Where to listen is each process's own, and which robot is said apart.
+    Which robot is said apart.
     """
     given = {"--host": args.host, "--hosts": args.hosts}
     words = [word for option, value in given.items() if value for word in (option, value)]

@@ -12,7 +12,7 @@ from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.beside import Helpers
+from armadico.cli.beside import STARTING, Helpers
 from armadico.cli.options import FailedError, UsageError
 from armadico.observe.screen import has_screen
 
@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
     namespaces = options.namespaces(args)
     if not 0 <= args.port < 65536:
         raise UsageError(f"--port {args.port}: from 0 to 65535")
-    meshes = options.join_each(args, namespaces)
+    meshes = options.join_each(args, namespaces, starts=args.starting)
     world = options.world(args)
     guard = _guard(args)
     options.end_as_by_ctrl_c()
@@ -111,6 +111,7 @@ def parser() -> argparse.ArgumentParser:
         f" of processes, ${TOKEN_VARIABLE} cannot (default: with --bind, one drawn at random)",
     )
     made.add_argument("--no-open", action="store_true", help="do not open a browser")
+    made.add_argument(STARTING, action="store_true", help=argparse.SUPPRESS)
     options.add_mesh_options(made, several=True)
     return made
 

@@ -9,19 +9,12 @@ from __future__ import annotations
 import argparse
 import os
 import socket
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.config.errors import ConfigError
-from armadico.config.hosts import (
-    ANYWHERE,
-    HOSTS_VARIABLE,
-    Host,
-    HostTable,
-    load_hosts,
-    table_path,
-)
+from armadico.config.hosts import HOSTS_VARIABLE, Host, HostTable, load_hosts, table_path
+from armadico.mesh.topology import Topology, topology
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,18 +31,23 @@ class Place:
     table: HostTable
     name: str | None = None
 
-    @property
-    def endpoints(self) -> tuple[str, ...]:
-        """This machine's endpoints; none if it has no entry."""
-        return () if self.name is None else self.table.hosts[self.name].endpoints
+    def topology(self, *, router: bool = False, connect: Sequence[str] = ()) -> Topology:
+        """How a process of this machine joins the mesh. Raises TopologyError."""
+        return topology(
+            router=router,
+            connect=connect,
+            robot=self.table.robots_router,
+            here=self.name in (None, self.table.robots_host),
+            fleet=self.table.fleet,
+        )
 
 
 def place(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
     """The place that the options name; None if no host table was asked for.
 
-    `--hosts` comes first, then `ARMADICO_HOSTS` unless `--connect` or `--listen` say where to look,
-    then, with `--host` alone, the shipped table. Without `--host` this machine is found by its
-    addresses; a tool (`passing`) may do without an entry, an agent may not.
+    `--hosts` comes first, then `ARMADICO_HOSTS` unless `--connect` says where to look, then, with
+    `--host` alone, the shipped table. Without `--host` this machine is found by its addresses; a
+    tool (`passing`) may do without an entry, an agent may not.
 
     Raises ConfigError if the table and the command line, or this machine, contradict each other.
     """
@@ -63,7 +61,6 @@ def place(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
     else:
         check_here(name, entry(table, name), table)
     where = Place(table, name)
-    _check_listen(args.listen, where)
     _check_connect(args.connect, where)
     return where
 
@@ -75,7 +72,7 @@ def wanted(args: argparse.Namespace) -> str | None:
     given = os.environ.get(HOSTS_VARIABLE) or None
     if args.host is not None:
         return given or DEFAULT
-    return None if args.connect or args.listen else given
+    return None if args.connect else given
 
 
 def entry(table: HostTable, name: str) -> Host:
@@ -91,7 +88,7 @@ def entry(table: HostTable, name: str) -> Host:
 
 def check_here(name: str, host: Host, table: HostTable) -> None:
     """Raises ConfigError if a host of the table is not this machine."""
-    if table.router is not None and not host.addresses:
+    if not host.addresses:
         return  # nothing says where it is, and nobody connects to it
     faults = [fault for address in host.addresses if (fault := _fault(address))]
     if faults and len(faults) == len(host.addresses):
@@ -109,8 +106,6 @@ def is_here(host: Host) -> bool:
 
 def _fault(address: str) -> str | None:
     """Why an address is not this machine's; None if it is."""
-    if address in ANYWHERE or address == "::":
-        return None
     try:
         found = socket.getaddrinfo(address, 0, type=socket.SOCK_STREAM)
     except OSError:
@@ -139,7 +134,9 @@ def _own_addresses() -> str:
 
 def _by_address(table: HostTable, *, passing: bool) -> str | None:
     """The host that this machine is. Raises ConfigError if an agent could not know where it is."""
-    found = [name for name, host in table.hosts.items() if is_here(host)]
+    hosts = table.hosts.items()
+    found = [name for name, host in hosts if is_here(host)]
+    found = found or [name for name, host in hosts if not host.addresses]  # nothing says it is not
     if passing:
         return found[0] if found else None
     if len(found) == 1:
@@ -149,30 +146,12 @@ def _by_address(table: HostTable, *, passing: bool) -> str | None:
     raise ConfigError(f"{why}; expected --host, one of: {known}", table.file)
 
 
-def _check_listen(listen: Sequence[str], where: Place) -> None:
-    if listen and where.table.router is not None:
-        raise _contradiction("--listen", listen[0], where, "clients of a router listen on nothing")
-    for endpoint in listen:
-        if where.name is not None and endpoint not in where.endpoints:
-            theirs = f"{where.name}'s endpoints are {_listed(where.endpoints)}"
-            raise _contradiction("--listen", endpoint, where, theirs)
-
-
 def _check_connect(connect: Sequence[str], where: Place) -> None:
-    router = where.table.router
-    known = where.table.endpoints() if router is None else (router,)
+    known = where.table.robots_router
     for endpoint in connect:
-        if endpoint not in known:
-            raise _contradiction("--connect", endpoint, where, f"it has {_listed(known)}")
-
-
-def _contradiction(option: str, value: str, where: Place, instead: str) -> ConfigError:
-    return ConfigError(
-        f"{option} {value} contradicts the host table: {instead};"
-        f" leave out {option}, or --host and --hosts",
-        where.table.file,
-    )
-
-
-def _listed(endpoints: Iterable[str]) -> str:
-    return ", ".join(endpoints) or "none"
+        if endpoint != known:
+            raise ConfigError(
+                f"--connect {endpoint} contradicts the host table, whose robot is at"
+                f" {known or 'no address'}; leave out --connect, or --host and --hosts",
+                where.table.file,
+            )

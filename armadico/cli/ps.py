@@ -35,25 +35,30 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     where = _place(args)
     wanted = _wanted(args, where)
-    mesh = options.join_at(args, where)
+    mesh = options.join_at(args, where, starts=True)
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
     from armadico.observe.view import View  # noqa: PLC0415
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
-    with mesh:
+    with options.at_once(mesh):
         client = Client(mesh)
-        view = View.of(
-            client.cards(args.timeout)
-            if args.host is None
-            else _of_host(client, args.host, wanted[args.host], args.timeout)
-        )
+        missing = "" if mesh.wait_joined(0.0) else mesh.missing
+        if missing:
+            cards = {}
+        elif args.host is None:
+            cards = client.cards(args.timeout)
+        else:
+            cards = _of_host(client, args.host, wanted[args.host], args.timeout)
+    view = View.of(cards)
     hosts = census(view, wanted, client.ahead)
     if args.json:
         print(json.dumps(_plain(view, hosts), indent=2))
     elif args.host is not None:
         _show_host(hosts[0], view)
     else:
-        show(args, view, hosts, everyone=where is not None)
+        show(args, view, hosts, everyone=where is not None, missing=bool(missing))
+    if missing:
+        raise options.FailedError(missing)
     if args.host is not None:
         return options.FAILED if hosts[0].lacks else 0
     return 0 if view.alive else options.FAILED
@@ -148,15 +153,20 @@ def _show_host(host: HostState, view: View) -> None:
 
 
 def show(
-    args: argparse.Namespace, view: View, hosts: Sequence[HostState], *, everyone: bool
+    args: argparse.Namespace,
+    view: View,
+    hosts: Sequence[HostState],
+    *,
+    everyone: bool,
+    missing: bool = False,
 ) -> None:
     """Print who is there, and on a narrow terminal less of each."""
     from rich.console import Console  # noqa: PLC0415 - not for --help
 
     console = Console()
-    if not view.alive:
+    if not view.alive and not missing:
         print(f"no agent is alive in namespace {args.namespace!r}")
-    else:
+    elif view.alive:
         tables = [_table(view, hosts, *narrow) for narrow in NARROWER]
         fitting = (table for table in tables if options.fits(table, console))
         console.print(next(fitting, tables[-1]))

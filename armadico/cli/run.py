@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options, progress
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.run_options import POSE, add_options, choose
+from armadico.cli.run_options import POSE, add_options, check_connect, choose
 from armadico.config.errors import ConfigError
 from armadico.runtime.errors import SocietyError
 
@@ -214,7 +214,8 @@ def _virtual(
 def _live(
     args: argparse.Namespace, scenario: Scenario, chosen: Options, _: Callable[[str], None]
 ) -> RunWatch:
-    mesh = options.join(args)
+    mesh = options.join(args, starts=not args.attach)
+    check_connect(args)
     options.end_as_by_ctrl_c()
     try:
         with (

@@ -271,6 +271,14 @@ def _check_attach(args: argparse.Namespace) -> None:
             )
 
 
+def check_connect(args: argparse.Namespace) -> None:
+    """Raises UsageError if a router is named and the run starts the robot's own."""
+    if args.connect and not args.attach:
+        raise UsageError(
+            "--connect is for --attach: the robot agent that a run starts is the router itself"
+        )
+
+
 def pose(flag: str, given: Sequence[float] | None) -> ScenarioPose | None:
     """The pose that an option names in degrees, with its heading in rad; None if there is none.
 

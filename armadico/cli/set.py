@@ -27,11 +27,10 @@ def main(argv: Sequence[str]) -> int:
     """Change parameters, all or none."""
     args = parser().parse_args(argv)
     values = dict(map(_read, args.values))
-    mesh = options.join(args)
     from armadico.config.parameters import SAVED, save  # noqa: PLC0415 - not for --help
     from armadico.runtime.client import Client  # noqa: PLC0415
 
-    with mesh:
+    with options.joined(args) as mesh:
         reply = Client(mesh).change(args.agent, values, by="armadico set", timeout=args.timeout)
     rows = {row.name: row for row in reply.parameters}
     for name in values:

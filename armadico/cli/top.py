@@ -36,16 +36,17 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
-    mesh = options.join(args)
+    live = sys.stdout.isatty() and not (args.once or args.json)
     from armadico.observe.view import View  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
-    with mesh:
+    with options.join(args, starts=True) if live else options.joined(args) as mesh:
         watcher = Watcher([mesh])
         watcher.watch_alive()
         watcher.hear()
         snapshots = Snapshots(View(), args.namespace, options.agents_by_host(args))
-        if sys.stdout.isatty() and not (args.once or args.json):
+        watcher.watch_router(snapshots.view)
+        if live:
             return _live(snapshots, watcher)
         _measure(snapshots, watcher, args.for_s)
         snapshot = snapshots.at(watcher.clock() / 1e9)  # to leave the mesh takes time
@@ -231,10 +232,13 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
 
 
 def _live(snapshots: Snapshots, watcher: Watcher) -> int:
-    from rich.live import Live  # noqa: PLC0415 - not for --help
+    from rich.console import Group  # noqa: PLC0415 - not for --help
+    from rich.live import Live  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
 
     from armadico.observe.watching import show  # noqa: PLC0415 - not for --help
 
+    (mesh,) = watcher.meshes
     with Live(auto_refresh=False, screen=True) as live:
         try:
             while True:
@@ -243,7 +247,10 @@ def _live(snapshots: Snapshots, watcher: Watcher) -> int:
                 for _ in range(round(ASK_S / SHOW_S)):
                     for item in watcher.until(time.monotonic() + SHOW_S):
                         show(snapshots.view, item)
-                    live.update(tables(snapshots.at(watcher.clock() / 1e9)), refresh=True)
+                    told = tables(snapshots.at(watcher.clock() / 1e9))
+                    if not mesh.reachable:
+                        told = Group(Text(options.shown(f"{mesh.missing}; waiting for it")), told)
+                    live.update(told, refresh=True)
         except KeyboardInterrupt:
             return 0  # how a live view ends
 

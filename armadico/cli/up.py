@@ -128,8 +128,8 @@ def _place(args: argparse.Namespace, scenario: Scenario | None) -> Place:
         from armadico.config.hosts import HostTable, load_hosts  # noqa: PLC0415
         from armadico.launch.society import names  # noqa: PLC0415
 
-        if args.connect or args.listen:
-            raise UsageError("--connect and --listen say nothing of who runs here; name --hosts")
+        if args.connect:
+            raise UsageError("--connect says nothing of who runs here; name --hosts")
         name = socket.gethostname()  # as its agents call it, to whom no table is given either
         host = load_hosts().host("localhost")
         taking = () if scenario is None else names(scenario)
@@ -197,14 +197,17 @@ def _is_mission(name: str) -> bool:
 
 
 def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:
-    from armadico.core.restart_policy import Budget  # noqa: PLC0415 - not for --help
+    from armadico.config.discovery import owners  # noqa: PLC0415 - not for --help
+    from armadico.core.resources import WHEELS  # noqa: PLC0415
+    from armadico.core.restart_policy import Budget  # noqa: PLC0415
     from armadico.launch.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
     from armadico.launch.supervisor import GaveUpError, Upkeep  # noqa: PLC0415 - not for --help
 
     plan = _plan(args, where, scenario)
     # The local table without options: as agents without options, in the namespace's own mesh.
     given = args.host is not None or args.hosts is not None or options.HOSTS_VARIABLE in os.environ
-    mesh = options.join_at(args, where if given else None, patient=True)
+    has_robot = any(owners((member.name for member in plan.members), WHEELS))
+    mesh = options.join_at(args, where if given else None, starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
     budget = Budget(args.restarts, args.within)
     try:

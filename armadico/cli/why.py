@@ -129,15 +129,16 @@ def _check(args: argparse.Namespace) -> None:
 
 def _live(args: argparse.Namespace) -> Told:
     args.namespace = args.namespace or default_namespace()
-    mesh, hosts = options.join(args), options.agents_by_host(args)
+    hosts = options.agents_by_host(args)
     from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher, listen  # noqa: PLC0415 - not for --help
     from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415 - not for --help
 
-    with mesh:
+    with options.joined(args) as mesh:
         watcher = Watcher([mesh])
         chronicle = Chronicle(installed=providers, hosts=hosts, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
+        watcher.watch_router(chronicle.view)
         watcher.hear()
         listen(watcher, chronicle, args.for_s)
         now = watcher.clock() / 1e9

@@ -1,8 +1,9 @@
-"""Hosts: which machine runs which agents, and where its processes can be reached.
+"""Hosts: which machine runs which agents, and where the robot can be reached.
 
-A host table is a TOML file with a table a host. A host without endpoints is on loopback: nothing
-listens to the network unless an entry says so. Above the first host may stand what is for all of
-them: `multicast = true`, and `router`, the endpoint of a site's own Zenoh router.
+A host table is a TOML file with a table a host. The host that runs the robot agent has a `router`,
+the endpoint at which the others reach that agent's process; without one it listens to no network,
+which is all that one machine needs. Above the first host may stand `fleet`, the routers of all
+robots that share a fleet.
 """
 
 from __future__ import annotations
@@ -12,11 +13,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from ipaddress import AddressValueError, IPv6Address
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 from urllib.parse import urlsplit
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from armadico.config.discovery import AGENTS, TRANSPORTS, installed, owners
 from armadico.config.errors import ConfigError, advice
@@ -29,25 +29,34 @@ from armadico.core.resources import WHEELS
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 """The links of Zenoh that have an address and a port."""
 
-LOOPBACK = tuple(f"tcp/127.0.0.1:{port}" for port in range(7450, 7454))
-"""Where the processes of one host find each other without any configuration."""
-
 HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 """The host table where `--hosts` names none: a file, or the name of a shipped one."""
 
-ANYWHERE: Final = ("0.0.0.0", "[::]")
+ANYWHERE: Final = ("0.0.0.0", "::")
 """Addresses to listen on, and none to connect to."""
 
 _ENDPOINT = re.compile(r"^(?P<protocol>[a-z]+)/(?P<host>\[[^\]]*\]|[^/:\[\]\s#?]+):(?P<port>\d+)$")
 _HOST = re.compile(r"^[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?$")
 _TWICE = re.compile(r"^not TOML: Cannot declare \('(?P<name>[^']*)',\) twice")
-_SETTINGS = ("multicast", "router")
+_SETTINGS = ("fleet",)
+
+_GONE: Final = {
+    "multicast": "hosts do not look for each other any more: leave it out",
+    "router": "the robot agent's process is the router now: write router = {value} below the host"
+    " that runs it, with an address of that machine",
+    "endpoints": "the robot's host has one port now: write router = {value} there, and on another"
+    ' host address = "{address}"',
+}
+"""What host tables had once, and what to write instead."""
 
 
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
-    """One machine. `endpoints` are Zenoh's, `tcp/10.0.0.2:7447`; processes bind the first free."""
+    """One machine."""
 
-    endpoints: tuple[str, ...] = LOOPBACK
+    router: str | None = None
+    """Where its robot agent listens for other machines, `tcp/10.0.0.2:7447`; none: for no one."""
+    address: str | None = None
+    """Its name or address, by which a process finds out that it is on this host."""
     agents: tuple[str, ...] = ()
     robot: str | None = None
     """Where its robot agent finds the controller, `serial:///dev/ttyUSB0`; none: a simulator."""
@@ -58,26 +67,24 @@ class Host(Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where it is, by its endpoints: names, IPv4 and IPv6 addresses, each once."""
-        found = (endpoint.partition("/")[2].rpartition(":")[0] for endpoint in self.endpoints)
-        return tuple(dict.fromkeys(address.strip("[]") for address in found))
+        """Where it is, as far as the table says: names, IPv4 and IPv6 addresses."""
+        known = None if self.router is None else address_of(self.router)
+        return tuple(dict.fromkeys(a for a in (known, self.address) if a is not None))
 
 
 class Settings(Struct, frozen=True, forbid_unknown_fields=True):
     """What stands above the first host, and is for all of them."""
 
-    multicast: bool = False
-    router: str | None = None
+    fleet: tuple[str, ...] = ()
 
 
 class HostTable(Struct, frozen=True):
     """Every machine of one robot's society, by name."""
 
     hosts: dict[str, Host]
-    multicast: bool = False
-    """Whether hosts find each other by multicast as well."""
-    router: str | None = None
-    """The endpoint of a site's own router, of which everybody is a client."""
+    fleet: tuple[str, ...] = ()
+    """The endpoints of the routers of all robots of a fleet, this one's too if it has one, in any
+    order."""
     file: str = ""
 
     def host(self, name: str) -> Host:
@@ -86,10 +93,23 @@ class HostTable(Struct, frozen=True):
             raise ConfigError(f"no host {name!r}; {advice(name, self.hosts)}", self.file or None)
         return self.hosts[name]
 
-    def endpoints(self) -> tuple[str, ...]:
-        """Where anybody can be reached: what every process connects to."""
-        every = (endpoint for host in self.hosts.values() for endpoint in host.endpoints)
-        return tuple(endpoint for endpoint in every if not _anywhere(endpoint))
+    @property
+    def robots_host(self) -> str | None:
+        """The host that runs the robot agent; none if no host of the table does."""
+        named = society().robot
+        for name, host in self.hosts.items():
+            if named in host.agents or host.robot is not None:
+                return name
+        # A robot agent of another name need not be installed on this machine.
+        hosts = self.hosts.items()
+        owning = (name for name, host in hosts if any(owners(host.agents, WHEELS)))
+        return next(owning, next((name for name, host in hosts if host.router), None))
+
+    @property
+    def robots_router(self) -> str | None:
+        """Where the robot's router can be reached from other hosts."""
+        name = self.robots_host
+        return None if name is None else self.hosts[name].router
 
 
 def shipped_tables() -> dict[str, Path]:
@@ -121,20 +141,38 @@ def load_hosts(path: Path | str | None = None) -> HostTable:
     text = read_text(file)
     entries = _entries(text, file)
     above = {key: entries.pop(key) for key in _above(entries)}
+    for key in above.keys() & _GONE.keys():
+        _refuse_gone(key, above[key], file, line_of(text, (key,)))
     settings = parse_entries({"": above}, Settings, file, text)[""]
     _check_misplaced(entries, file, text)
     hosts = parse_entries(entries, Host, file, text)
-    if settings.router is not None:
-        _check_router(settings.router, file, text)
-        bare = [name for name, entry in entries.items() if "endpoints" not in entry]
-        hosts |= {name: _without_endpoints(hosts[name]) for name in bare}
-    _check_endpoints(hosts, settings, file, text)
+    table = HostTable(hosts, settings.fleet, str(file))
+    robots = table.robots_host
+    _check_routers(hosts, robots, file, text)
+    for index, endpoint in enumerate(settings.fleet):
+        if message := _fault(endpoint):
+            raise ConfigError(f"fleet[{index}] = {message}", file, line_of(text, ("fleet", index)))
     _refuse_repeats(hosts, file, text)
     _check_together(hosts, file, text)
     _check_robots(hosts, file, text)
     if not hosts:
         raise ConfigError("no hosts; expected a table for each, [name]", file, 1)
-    return HostTable(hosts, settings.multicast, settings.router, str(file))
+    own = table.robots_router
+    if own is not None and table.fleet and own not in table.fleet:
+        raise ConfigError(
+            f'fleet lacks this robot\'s own router, "{own}" of {robots}; expected the routers of'
+            " all its robots, the same in the table of each",
+            file,
+            line_of(text, ("fleet",)),
+        )
+    if robots is not None and own is None and len(hosts) > 1:
+        raise ConfigError(
+            f"{robots} runs the robot agent, and the other hosts cannot reach it; expected"
+            f' router = "tcp/ADDRESS:7447" in [{robots}], with an address of that machine',
+            file,
+            line_of(text, (robots,)),
+        )
+    return table
 
 
 def _entries(text: str, file: Path) -> dict[str, Any]:
@@ -155,48 +193,51 @@ def _entries(text: str, file: Path) -> dict[str, Any]:
 
 def _above(entries: Mapping[str, Any]) -> list[str]:
     """The settings that are there; a table of that name is a host."""
-    return [key for key in _SETTINGS if key in entries and not isinstance(entries[key], dict)]
+    known = (*_SETTINGS, *_GONE)
+    return [key for key in known if key in entries and not isinstance(entries[key], dict)]
 
 
 def _check_misplaced(entries: Mapping[str, Any], file: Path, text: str) -> None:
     for name, entry in entries.items():
-        for key in _SETTINGS if isinstance(entry, dict) else ():
+        if not isinstance(entry, dict):
+            continue
+        if "fleet" in entry:
+            message = f"fleet is for all hosts: expected above the first [host], not in {name}"
+            raise ConfigError(message, file, line_of(text, (name, "fleet")))
+        for key in ("multicast", "endpoints"):
             if key in entry:
-                message = f"{key} is for all hosts: expected above the first [host], not in {name}"
-                raise ConfigError(message, file, line_of(text, (name, key)))
+                _refuse_gone(key, entry[key], file, line_of(text, (name, key)))
 
 
-def _without_endpoints(host: Host) -> Host:
-    return replace(host, endpoints=())
+def _refuse_gone(key: str, value: object, file: Path, line: int | None) -> NoReturn:
+    first = value[0] if isinstance(value, list) and value else value
+    shown = f'"{first}"' if isinstance(first, str) else '"tcp/10.0.0.2:7447"'
+    where = address_of(shown.strip('"')) or "10.0.0.2"
+    raise ConfigError(f"{key}: {_GONE[key].format(value=shown, address=where)}", file, line)
 
 
-def _check_router(router: str, file: Path, text: str) -> None:
-    message = _fault(router, {})
-    if message is None and _anywhere(router):
-        message = f'"{router}": nobody can connect to that; expected the address of the router'
-    if message is not None:
-        raise ConfigError(f"router = {message}", file, line_of(text, ("router",)))
-
-
-def _check_endpoints(hosts: Mapping[str, Host], settings: Settings, file: Path, text: str) -> None:
-    owners: dict[str, str] = {}
+def _check_routers(hosts: Mapping[str, Host], robots: str | None, file: Path, text: str) -> None:
     for name, host in hosts.items():
-        for index, endpoint in enumerate(host.endpoints):
-            message = _fault(endpoint, owners)
-            if message is None and _anywhere(endpoint) and not settings.multicast:
-                message = (
-                    f'"{endpoint}": nobody can connect to that; expected the address of the'
-                    " machine, or multicast = true above the first host"
-                )
-            if message:
-                where = line_of(text, (name, "endpoints", index))
-                raise ConfigError(f"{name}.endpoints[{index}] = {message}", file, where)
-            if not _anywhere(endpoint):
-                owners[endpoint.casefold()] = name
+        if host.address is not None and not _is_address(host.address):
+            raise ConfigError(
+                f'{name}.address = "{host.address}": expected a name or an address, 10.0.0.2 say',
+                file,
+                line_of(text, (name, "address")),
+            )
+        if host.router is None:
+            continue
+        message = _fault(host.router)
+        if message is None and name != robots:
+            message = (
+                f'"{host.router}": only the host of the robot agent has a router; expected'
+                f' address = "{address_of(host.router)}"'
+            )
+        if message is not None:
+            raise ConfigError(f"{name}.router = {message}", file, line_of(text, (name, "router")))
 
 
-def _fault(endpoint: str, owners: Mapping[str, str]) -> str | None:
-    """What is wrong with an endpoint; `owners` are the hosts of those before it."""
+def _fault(endpoint: str) -> str | None:
+    """What is wrong with an endpoint; None if nothing is."""
     found = _ENDPOINT.match(endpoint)
     quoted = f'"{endpoint}"'
     if found is None or not _is_host(found["host"]):
@@ -205,13 +246,19 @@ def _fault(endpoint: str, owners: Mapping[str, str]) -> str | None:
         return f"{quoted}: unknown protocol; {advice(found['protocol'], PROTOCOLS)}"
     if not 1 <= int(found["port"]) <= 65535:
         return f"{quoted}: expected a port from 1 to 65535"
-    if endpoint.casefold() in owners:
-        return f"{quoted}: host {owners[endpoint.casefold()]!r} has it already; expected another"
+    if address_of(endpoint) in ANYWHERE:
+        return f"{quoted}: nobody can connect to that; expected the address of the machine"
     return None
 
 
-def _anywhere(endpoint: str) -> bool:
-    return endpoint.partition("/")[2].rpartition(":")[0] in ANYWHERE
+def address_of(endpoint: str) -> str:
+    """The name or address in an endpoint, without brackets."""
+    return endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+
+
+def _is_address(name: str) -> bool:
+    """Whether this is a host name, an IPv4 or an IPv6 address."""
+    return _is_host(f"[{name}]" if ":" in name else name)
 
 
 def _is_host(host: str) -> bool:

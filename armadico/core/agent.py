@@ -188,6 +188,7 @@ class Agent:
         self.outbox: list[Outgoing] = []
         self.memory = Memory(self.rng)  # of latched states
         self.foreign: set[str] = set()  # instances that speak otherwise
+        self.reachable = True  # whether the robot's router can be reached
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self._latest: dict[type[Message], Message] = {}
         self._surroundings = Surroundings()  # by all sensors that the robot has
@@ -266,6 +267,9 @@ class Agent:
 
     def on_met(self, card: m.Card) -> None:
         """An instance that is alive has given its card."""
+
+    def on_router(self) -> None:
+        """The robot's router can be reached again, or no more: `reachable`."""
 
     # What a subclass uses ------------------------------------------------------------------------
 
@@ -464,6 +468,15 @@ class Agent:
         for contender in self._contenders.values():
             self._say(contender.resource, contender.gone(instance, now))
         self.on_disappeared(name, instance)
+
+    def take_router(self, there: bool, now: float) -> None:
+        """Take the news that the robot's router can be reached, or cannot."""
+        self.now = now
+        if there != self.reachable:
+            self.reachable = there
+            if there:  # who was cut off may have missed what is latched
+                self.memory.met(now)
+            self.on_router()
 
     def wake(self, now: float) -> None:
         """Take the time, when `wakeup` has come."""

@@ -255,6 +255,14 @@ class Driver:
             tell(name, instance, own)
         self._progress(now)
 
+    def router(self, there: bool, now: float) -> None:
+        """Take the news that the robot's router can be reached, or cannot."""
+        own = self._passes(now)
+        if self.stage is Stage.JOINED:
+            self.agent.take_router(there, own)
+        else:
+            self.agent.reachable = there
+
     def answers(self, key: str) -> type[Message] | None:
         """The kind of query that it answers on a key, if it does."""
         return self._answers(key)

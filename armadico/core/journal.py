@@ -15,7 +15,7 @@ An *entry* is an array: first one of the numbers below, then the agent's time, s
                                    message, where one process had read it for several
     ASKED, now, key, payload, call, clock       `clock` is what its machine's clock showed, s
     REPLIED, now, question, payload             none: nobody answered in time
-    RECEIVED, now, data            LINK, now, up, why
+    RECEIVED, now, data            LINK, now, up, why           ROUTER, now, there
     SLOW, now, took                REFUSE, now, key, why       REPORT, now, dropped
     TAKE, outputs, due             what it gave, encoded: an array of arrays; and when it is to be
                                    woken, s, or none
@@ -42,8 +42,11 @@ from armadico.core.driver import Announce, Driver, Output, Reply
 from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
 from armadico.core.services import service_of
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """The version of all this; one more whenever it changes."""
+
+READABLE: Final = (2, FORMAT)
+"""Before 3 there was no `ROUTER`."""
 
 EVERY_S: Final = 0.5
 """How long entries are gathered, s: of a killed agent's last moments so much is missing."""
@@ -65,6 +68,7 @@ SLOW: Final = 10
 REFUSE: Final = 11
 REPORT: Final = 12
 TAKE: Final = 13
+ROUTER: Final = 14
 
 PUBLISH: Final = 0
 ASK_FOR: Final = 1
@@ -224,6 +228,10 @@ class Journalled(Driver):
     def link(self, up: bool, why: str, now: float) -> None:
         self._note((LINK, now, up, why))
         super().link(up, why, now)
+
+    def router(self, there: bool, now: float) -> None:
+        self._note((ROUTER, now, there))
+        super().router(there, now)
 
     def slow(self, took: float) -> None:
         self._note((SLOW, self.now, took))

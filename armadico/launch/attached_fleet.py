@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
 from armadico.core.messages import FleetClaims, Message, RobotState
 from armadico.launch.attached import COME_S, SAY_S, STOP_S
-from armadico.launch.fleet import give, names_of, tasks_of
+from armadico.launch.fleet import STEP_S, give, names_of, tasks_of
 from armadico.launch.live_fleet import HEAR_S, LiveFleet, short
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import SILENT_S
@@ -40,6 +40,7 @@ class AttachedFleet(LiveFleet):
         join: Callable[[str], Mesh],
         warn: Callable[[str], None] = lambda _: None,
         *,
+        scouts: Callable[[], Iterable[Mesh]] = tuple,
         replace: bool = False,
     ) -> None:
         """Prepare, as in `LiveFleet`.
@@ -51,6 +52,8 @@ class AttachedFleet(LiveFleet):
             fleet: Its name.
             join: Joins the mesh in a namespace.
             warn: Told who is gone and what goes wrong.
+            scouts: Gives an open mesh for each further way to a router of the fleet, whenever there
+                is a new one: each passes on what all robots share.
             replace: Give the list also instead of one that the fleet works on.
         """
         super().__init__(scenario, options, fleet, join, warn)
@@ -61,6 +64,7 @@ class AttachedFleet(LiveFleet):
         # What robots share lies beside their namespaces: any of the fleet's will do.
         self._scout = Client(self._joined(names_of(fleet, 1)[0]))
         self._scout.listen(FleetClaims, then=self._hear)
+        self._scouts, self._more = [self._scout], scouts
 
     def __exit__(
         self,
@@ -78,11 +82,11 @@ class AttachedFleet(LiveFleet):
 
     def find(self) -> None:
         """Find the robots that are there. Raises RunFailedError if they are too few."""
-        if not self._scout.wait_for(self._enough, SAY_S):
+        if not self._seek(self._enough, SAY_S):
             self._warn(f"waiting for {self._wanted} or more robots of the fleet {self.fleet!r}")
-        if not self._scout.wait_for(self._enough, self.come_s - SAY_S):
+        if not self._seek(self._enough, self.come_s - SAY_S):
             raise RunFailedError(self._lacking())
-        self._scout.wait_for(lambda: False, HEAR_S)  # all of it: whoever else is there
+        self._seek(lambda: False, HEAR_S)  # all of it: whoever else is there
         self._meet()
 
     def start(self) -> None:
@@ -151,19 +155,33 @@ class AttachedFleet(LiveFleet):
                 checked_namespace(f"{self.fleet}/{said.robot}")
                 self._heard[said.robot] = now
 
+    def _seek(self, over: Callable[[], bool], seconds: float) -> bool:
+        """Look for robots by every way, until something is so; whether it is."""
+        end = self._now() + seconds
+        while not over() and self._now() < end:
+            for mesh in self._more():
+                self._stack.callback(mesh.close)
+                self._scouts.append(Client(mesh))
+                self._scouts[-1].listen(FleetClaims, then=self._hear)
+            for scout in self._scouts:
+                scout.wait_for(over, STEP_S / len(self._scouts))
+        return over()
+
     def _enough(self) -> bool:
         return len(self._heard) >= self._wanted
 
     def _meet(self) -> None:
         """Watch whoever has been heard of for the first time."""
-        self._scout.latest(FleetClaims)  # hands on what has come
+        for each in (*self._scouts, *self.clients):
+            each.latest(FleetClaims)  # hands on what has come
         for robot in sorted(self._heard):
             name = f"{self.fleet}/{robot}"
             if name in self.names:
                 continue
             client = Client(self._joined(name))
             client.listen(RobotState)  # which whoever stops it goes by
-            self._listen(name, client, shared=not self.clients)
+            client.listen(FleetClaims, then=self._hear)
+            self._listen(name, client)
             self.names.append(name)
             self.clients.append(client)
             if self.watch.began is not None:

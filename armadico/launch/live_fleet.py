@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 HEAR_S: Final = 1.5
 """A fleet that is there is heard of within this: each robot speaks once a second."""
 
-SHARED: Final[tuple[type[Message], ...]] = (FleetClaims, FleetPose)
+SHARED: Final = (FleetClaims, FleetPose)
 """Of what is watched, what all robots publish beside their namespaces."""
 
 
@@ -120,16 +120,17 @@ class LiveFleet:
         self._stack.callback(mesh.close)
         return mesh
 
-    def _listen(self, name: str, client: Client, *, shared: bool) -> None:
-        """Watch what a robot publishes; what all do is heard by one client, once."""
+    def _listen(self, name: str, client: Client) -> None:
+        """Watch what a robot publishes; what all robots share, by each robot's own router."""
         robot = short(name)
         if robot not in self.watch.names:
             self.watch.names += (robot,)
 
         def show(message: Message, now: float) -> None:
-            self.watch.show(robot, message, now)
+            if not isinstance(message, SHARED) or message.robot == robot:
+                self.watch.show(robot, message, now)
 
-        client.listen(*(k for k in FLEET_WATCHED if shared or k not in SHARED), then=show)
+        client.listen(*FLEET_WATCHED, then=show)
 
 
 def short(name: str) -> str:

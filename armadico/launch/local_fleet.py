@@ -108,7 +108,7 @@ class LocalFleet(LiveFleet):
             launcher.tell(self._warn)
             self.launchers.append(launcher)
             launcher.start()
-            self._listen(name, launcher.client, shared=not self.clients)
+            self._listen(name, launcher.client)
             self.clients.append(launcher.client)
 
     def look(self) -> None:

@@ -9,14 +9,12 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import re
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-RUNTIME_VARIABLE = "XDG_RUNTIME_DIR"
+from armadico.mesh.sockets import folder, stem
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class PidFile:
     """A context manager that holds the lock; the file goes with it."""
 
     def __init__(self, namespace: str, host: str) -> None:
-        self.path = folder() / f"{_stem(namespace)}@{_stem(host)}.json"
+        self.path = folder() / f"{stem(namespace)}@{stem(host)}.json"
         self._file: IO[str] | None = None
 
     def __enter__(self) -> PidFile:
@@ -66,22 +64,9 @@ class PidFile:
         self._file.flush()
 
 
-def folder() -> Path:
-    """Where the files are: this user's own. Raises OSError if it cannot be."""
-    base = os.environ.get(RUNTIME_VARIABLE)
-    if base and os.access(base, os.W_OK):
-        path = Path(base) / "armadico"
-    else:
-        path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
-    path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if path.stat().st_uid != os.getuid():
-        raise PermissionError(f"{path} belongs to somebody else; set {RUNTIME_VARIABLE}")
-    return path
-
-
 def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
     """What is up on this machine in a namespace, of one host or of all."""
-    for path in sorted(folder().glob(f"{_stem(namespace)}@{_stem(host) if host else '*'}.json")):
+    for path in sorted(folder().glob(f"{stem(namespace)}@{stem(host) if host else '*'}.json")):
         if is_held(path) and (share := read(path)) is not None:
             yield share
 
@@ -119,8 +104,3 @@ def _locked(path: Path) -> IO[str] | None:
         if path.exists() and os.fstat(file.fileno()).st_ino == path.stat().st_ino:
             return file
         file.close()  # it was taken away between opening and locking
-
-
-def _stem(name: str) -> str:
-    """A name as a part of a file's name; different names stay different."""
-    return re.sub(r"[^A-Za-z0-9_.-]", lambda found: f"%{ord(found[0]):02x}", name)

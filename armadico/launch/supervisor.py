@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Final
 
 import psutil
 
-from armadico.config.discovery import agent_class
+from armadico.config.discovery import agent_class, owners
+from armadico.core.resources import WHEELS
 from armadico.core.restart_policy import Budget
 from armadico.launch.processes import (
     LEAVE_S,
@@ -179,6 +180,7 @@ class Upkeep:
             processes=simulator | labels,
             can=tuple(self._lent),
             needs=plan.needs,
+            router=next(owners((m.name for m in plan.members), WHEELS), ""),
             restarts=budget.restarts,
             within_s=budget.within_s,
         )

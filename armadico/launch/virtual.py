@@ -10,12 +10,13 @@ from random import Random
 
 from msgspec.structs import replace
 
-from armadico.config.discovery import SIMULATORS, agent_class, find
+from armadico.config.discovery import SIMULATORS, agent_class, find, owners
 from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Log, Message
+from armadico.core.resources import WHEELS
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.run import Run
 from armadico.launch.society import (
@@ -110,6 +111,7 @@ class Rehearsal(Run):
         *,
         host: str = "virtual",
         device: Device | None = None,
+        waits: bool = True,
     ) -> Node:
         """An agent joins, now, as the `start`-th instance; a device agent's is the robot's line."""
         identity = self.mesh.identity(kind.name, start, self.namespace)
@@ -119,7 +121,7 @@ class Rehearsal(Run):
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
         line = device or (self.robot if isinstance(agent, DeviceAgent) else None)
-        return self.mesh.add(agent, line, clock, namespace=self.namespace)
+        return self.mesh.add(agent, line, clock, waits=waits, namespace=self.namespace)
 
     def _show(self, _key: str, message: Message, now: float) -> None:
         self.watch.show(message, now)
@@ -146,9 +148,11 @@ class Rehearsal(Run):
             processes={label: tuple(m.name for m in g) for label, g in machine.groups.items()},
             can=tuple(member.name for member in lent),
             needs=needed(scenario, options, table),
+            router=next(owners((m.name for m in taking), WHEELS), ""),
         )
         start = self._starts[Wakeup.name]
-        machine.wakeup = self.add(Wakeup, parameters, start, host=name, device=machine)
+        # It starts the robot agent, and waits for none.
+        machine.wakeup = self.add(Wakeup, parameters, start, host=name, device=machine, waits=False)
         self.hosts[name] = machine
         return machine
 

@@ -50,6 +50,10 @@ MONITOR_S: Final = 10.0
 everybody is watched by other monitors, if there are any, and by who started it. Those others are
 faster, and whoever was killed in between is another process."""
 
+ROUTER_S: Final = 10.0
+"""A robot agent of this host's that accepts no links for so long, s, hangs, and is killed: nobody
+else can find that out, because all talk to each other through it."""
+
 LATE_S: Final = 0.1
 """A machine that wakes this agent so late, s, most times cannot keep up: it is a cycle of a robot,
 and a bid that is later answers a cycle that is over."""
@@ -83,6 +87,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """By label, the agents that live in it; none in a simulator."""
     can: Names = ()
     needs: Names = ()
+    router: str = ""
+    """The robot agent, if it is to be up on this host."""
     restarts: int = 5
     within_s: float = 30.0
 
@@ -172,6 +178,7 @@ class Wakeup(DeviceAgent):
         self._held: list[str] = []  # labels
         self._slow = False
         self._hold_until, self._holds = 0.0, 0
+        self._cut_at: float | None = None  # when the robot's router could not be reached any more
         self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
 
     # Who is there --------------------------------------------------------------------------------
@@ -179,6 +186,7 @@ class Wakeup(DeviceAgent):
     def on_start(self) -> None:
         """Say at once what is kept up here."""
         self._heard_at = self.now + HEARD_S
+        self._cut_at = None if self.reachable else self.now
         self._tell()
 
     def on_appeared(self, name: str, instance: str) -> None:
@@ -195,6 +203,15 @@ class Wakeup(DeviceAgent):
         if card.instance in self._alive:
             self._cards[card.instance] = card
             self._greet()
+
+    def on_router(self) -> None:
+        """Whoever has begun meanwhile can only be seen from now on, and others' shares come now."""
+        self._cut_at = None if self.reachable else self.now
+        if self.reachable:
+            self._heard_at = self.now + HEARD_S
+            for process in self._kept.values():
+                if process.began_at is not None:
+                    process.began_at = self.now
 
     def on_host_share(self, share: HostShare) -> None:
         """What another host keeps up."""
@@ -445,7 +462,12 @@ class Wakeup(DeviceAgent):
         times = slower(self._load)
         start_s = START_S * times * (PATIENT if self._slow else 1)
         for label, process in self._kept.items():
-            if process.began_at is not None and self.now - process.began_at >= start_s:
+            if self._is_router(process) and self._hangs(process, ROUTER_S * times):
+                self._cut_at = self.now
+                self._kill(label, f"it accepts no links, for {ROUTER_S * times:.0f} s")
+            elif not self.reachable and not self._is_router(process):
+                continue  # nobody can be seen
+            elif process.began_at is not None and self.now - process.began_at >= start_s:
                 process.began_at = None
                 self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
             elif self.now - self._reported.get(process.pid, self.now) >= MONITOR_S * times:
@@ -454,6 +476,14 @@ class Wakeup(DeviceAgent):
         if self.now >= self._share_at:
             self._tell()
         self._look_again()
+
+    def _is_router(self, process: _Process) -> bool:
+        return self.p.router in process.agents
+
+    def _hangs(self, router: _Process, after_s: float) -> bool:
+        """Whether the robot agent's process is up, and has accepted no link for so long."""
+        up = router.state is KeptState.UP and router.pid and self._cut_at is not None
+        return bool(up and self.now - (self._cut_at or 0.0) >= after_s)
 
     def _keep_up(self) -> None:
         """Hold back what the robot can do without while this machine cannot keep up."""

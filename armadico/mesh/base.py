@@ -66,6 +66,9 @@ class Mesh(Time, Protocol):
     refused: Counter[str]
     """What was no message, or came by a wildcard, by its key."""
 
+    def wait_joined(self, timeout: float) -> bool:
+        """Whether it has been linked to its router, within `timeout` (s)."""
+
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
         """Publish a message, by its `data` if it is encoded already; one's own do not receive it.
 
@@ -105,8 +108,16 @@ class Mesh(Time, Protocol):
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
         """Subscribe to others' liveliness tokens, as (name, instance, alive): those of now, too.
 
-        The same news may come twice: treat it as a set.
+        The same news may come twice: treat it as a set. Nobody is reported as gone while the
+        robot's router cannot be reached (`presence`).
         """
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the robot's router can be reached."""
+
+    def watch_router(self, changed: Callable[[bool], None]) -> None:
+        """Have it said whether the robot's router can be reached, now and whenever that changes."""
 
     def read(self, kind: type[M], key: str, data: bytes) -> M | None:
         """The message in a payload; None, counted and now and then reported, if there is none."""

@@ -1,7 +1,7 @@
 """TCP ports for those who have to name one before it is bound: test beds, benchmarks, viewers.
 
 A port that the system gives out by itself is no such port: by the time it is bound anybody may have
-been given it, and then a peer of the mesh talks to a simulator, or two societies are one.
+been given it.
 """
 
 from __future__ import annotations
@@ -38,11 +38,6 @@ def free_ports(count: int, address: str = LOOPBACK) -> list[int]:
 
 def free_port(address: str = LOOPBACK) -> int:
     return free_ports(1, address)[0]
-
-
-def private_endpoints(count: int = 4, address: str = LOOPBACK) -> str:
-    """Endpoints for a mesh that nobody else is on, as `ARMADICO_ENDPOINTS` has them."""
-    return ",".join(f"tcp/{address}:{port}" for port in free_ports(count, address))
 
 
 _rounds: dict[int, Iterator[int]] = {}

@@ -1,9 +1,8 @@
-"""Where a process listens and whom it connects to: peers, not a star.
+"""How a process joins the mesh: as the robot's router, or as its client.
 
-Each host has four well-known endpoints. Every agent binds the first that is free, else a free port,
-and connects to all of them; gossip finds the rest. With one seed only, a hung seed makes islands of
-newcomers. What is said on the command line wins over the host table, and that over this machine
-alone: with no configuration nothing leaves it.
+The process of the robot agent is the router of its society, because nothing works without it
+anyway; all others are its clients. On the robot's computer they connect by a Unix socket, which is
+named after the namespace; from other computers to the one endpoint that the host table gives.
 """
 
 from __future__ import annotations
@@ -12,18 +11,6 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-
-WELL_KNOWN = tuple(f"tcp/127.0.0.1:{port}" for port in range(7450, 7454))
-"""One host without configuration. Zenoh's own routers use 7447, so they do not meet."""
-
-ENDPOINTS_VARIABLE = "ARMADICO_ENDPOINTS"
-"""Endpoints, separated by commas, that replace `WELL_KNOWN`: for tests, or a second society."""
-
-ROUTER_S = 3.0
-"""How long a tool that is soon gone waits for the site's router."""
-
-LAST_RANK = 255
-"""Of those that have no well-known endpoint."""
 
 NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"
 """Which robot is meant when none is named;"""
@@ -55,15 +42,19 @@ class MeshError(RuntimeError):
 class Topology:
     """How one process joins the mesh.
 
-    `attempts` are sets of endpoints to listen on: the first set of which all are free is bound.
-    A client listens on none; it waits `patience_s` for its router, which a peer never does.
+    Attributes:
+        router: Whether it is the robot's router.
+        listen: Endpoints at which a router listens, besides the namespace's socket.
+        connect: Where a client's router may be, besides the socket; beginning with the nearest.
+        socket: Whether the namespace's socket on this computer is the robot's.
+        fleet: Endpoints of the routers of other robots, on other computers, that share a fleet.
     """
 
-    attempts: tuple[tuple[str, ...], ...]
-    connect: tuple[str, ...]
-    multicast: bool = False
-    client: bool = False
-    patience_s: float = float("inf")
+    router: bool = False
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    socket: bool = True
+    fleet: tuple[str, ...] = ()
 
 
 def several(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -73,65 +64,27 @@ def several(names: str | Sequence[str]) -> tuple[str, ...]:
 
 def topology(
     *,
-    listen: str | Sequence[str] = (),
+    router: bool = False,
     connect: str | Sequence[str] = (),
-    host_endpoints: Sequence[str] = (),
-    all_endpoints: Sequence[str] = (),
-    router: str | None = None,
-    multicast: bool = False,
-    passing: bool = False,
-    environ: Mapping[str, str] = os.environ,
+    robot: str | None = None,
+    here: bool = True,
+    fleet: Sequence[str] = (),
 ) -> Topology:
-    """Choose.
+    """Choose. Raises TopologyError for what is no endpoint.
 
     Args:
-        listen: Endpoints asked for on the command line; all of them are bound.
-        connect: Endpoints to connect to, asked for on the command line.
-        host_endpoints: This host's well-known endpoints, from the host table.
-        all_endpoints: Every host's well-known endpoints, from the host table.
-        router: A site's own router; everybody is its client, and nothing else is connected to.
-        multicast: Look for others by multicast as well.
-        passing: A tool that is soon gone: it binds no well-known endpoint.
-        environ: Where `ARMADICO_ENDPOINTS` is looked up.
+        router: Whether the process is the robot's.
+        connect: Endpoints of the robot's router, from the command line: only these are tried.
+        robot: The endpoint of the robot's router, from the host table.
+        here: Whether the robot may be on this computer.
+        fleet: The endpoints of all routers of a fleet, from the host table.
     """
-    if router is not None:
-        patience = ROUTER_S if passing else float("inf")
-        return Topology(((),), _checked((router,)), client=True, patience_s=patience)
-    listen, connect = several(listen), several(connect)
-    own = _checked(host_endpoints) or _from_environment(environ) or WELL_KNOWN
-    seeds = _checked(connect) or _checked(all_endpoints) or own
-    stranger = bool(connect or (all_endpoints and not host_endpoints))  # not in the table
-    attempts = _attempts(_checked(listen), own, None if not stranger else seeds[0], passing)
-    return Topology(attempts, seeds, multicast)
-
-
-def _attempts(
-    listen: tuple[str, ...], own: tuple[str, ...], beside: str | None, passing: bool
-) -> tuple[tuple[str, ...], ...]:
-    """What to bind; `beside` is the seed of who has no endpoints of its own."""
-    if listen:
-        return (listen,)
-    if beside is not None:
-        return ((_free_port_beside(beside),),)
-    fallback = (any_port(own[0]),)
-    if passing:
-        return (fallback,)
-    return (*((endpoint,) for endpoint in own), fallback)
-
-
-def one_way(listen: Sequence[str], known: Sequence[str]) -> tuple[tuple[str, ...], int]:
-    """Whom a process connects to that listens on `listen`, and its rank from 1 to 255.
-
-    Of any two processes one connects, and tries again for ever. If both did they would meet halfway
-    when a cut heals, and each refuse the other's link as the second one; now and then both links
-    are closed, and Zenoh tries no more. So a well-known endpoint connects to those before it in
-    the table, and who has none to all of them. The larger rank connects, where gossip has a say.
-    """
-    places = [known.index(endpoint) for endpoint in listen if endpoint in known]
-    if not places:
-        return tuple(known), LAST_RANK
-    first = min(places)
-    return tuple(known[:first]), min(first + 1, LAST_RANK - 1)
+    known = checked_endpoints(() if robot is None else (robot,))
+    if router:
+        others = checked_endpoints([endpoint for endpoint in fleet if endpoint != robot])
+        return Topology(router=True, listen=known, fleet=others)
+    asked = checked_endpoints(several(connect))
+    return Topology(connect=asked or known, socket=here and not asked)
 
 
 def default_namespace(environ: Mapping[str, str] = os.environ) -> str:
@@ -162,35 +115,14 @@ def rooted(namespace: str, key: str) -> str:
     return f"{namespace}/{key}"
 
 
-def any_port(endpoint: str) -> str:
-    """The same address with a port that the system chooses."""
-    address, _, _ = endpoint.rpartition(":")
-    return f"{address}:0"
-
-
-def _free_port_beside(seed: str) -> str:
-    """A free port where the seed's peers can reach it: not on loopback if the seed is elsewhere."""
-    if _is_loopback(seed):
-        return any_port(seed)
-    return f"{seed.partition('/')[0]}/0.0.0.0:0"
-
-
-def _is_loopback(endpoint: str) -> bool:
-    address = endpoint.partition("/")[2]
-    return address.startswith(("127.", "localhost:", "[::1]:"))
-
-
-def _from_environment(environ: Mapping[str, str]) -> tuple[str, ...]:
-    text = environ.get(ENDPOINTS_VARIABLE, "")
-    return _checked([part.strip() for part in text.split(",") if part.strip()])
-
-
-def _checked(endpoints: Sequence[str]) -> tuple[str, ...]:
+def checked_endpoints(endpoints: Sequence[str]) -> tuple[str, ...]:
+    """Endpoints, if they can be ones. Raises TopologyError."""
     for endpoint in endpoints:
         protocol, slash, rest = endpoint.partition("/")
         address, colon, port = rest.rpartition(":")
         port = port.partition("#")[0].partition("?")[0]
-        known = port.isdecimal() and int(port[:6]) <= LAST_PORT
-        if not (protocol and slash and address and colon and known):
-            raise TopologyError(f"{endpoint!r} is no endpoint; one looks like tcp/192.168.1.5:7450")
+        fits = port.isdecimal() and int(port[:6]) <= LAST_PORT
+        is_socket = protocol == "unixsock-stream" and rest.startswith("/")
+        if not (is_socket or (protocol and slash and address and colon and fits)):
+            raise TopologyError(f"{endpoint!r} is no endpoint; one looks like tcp/192.168.1.5:7447")
     return tuple(endpoints)

@@ -7,9 +7,14 @@ agent draws from its own stream, derived from the seed and its name, so adding a
 others' noise as it was and comparisons are paired. A publication is checked once as the wire would,
 and shared frozen. Agents are run by the same driver as live ones (`armadico.core.driver`).
 
+As on the live mesh the process of the robot agent is the router of its namespace: what two others
+say to each other passes it. In a namespace that never had an owner of wheels everybody reaches
+everybody.
+
 Faults: links that are slow, lossy, cut, or worse (`virtual_network`); processes that die, hang, are
-slow, return or have a twin, and clocks of their own. Who is out of reach for longer than the lease
-is taken for gone, and found again some time after the cut has healed, as on the live mesh.
+slow, return or have a twin, and clocks of their own. Who is out of reach of the router for longer
+than the lease is taken for gone, and found again some time after the cut has healed; to itself it
+is cut off (`presence`).
 """
 
 from __future__ import annotations
@@ -17,16 +22,19 @@ from __future__ import annotations
 import heapq
 import random
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 from math import inf
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 from armadico.core.agent import Agent, AskFor, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
 from armadico.core.messages import JournalPiece, Message, MessageError, checked
+from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, matches, service_of
+from armadico.mesh.presence import Presence
 from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
 from armadico.mesh.virtual_network import Clock, Link
 
@@ -44,6 +52,9 @@ LOOK_AGAIN = 0.02
 
 ROUNDING = 1e-9
 """A wake-up this little before its time, s, by a clock of its own, is in time."""
+
+DEVICE = "device"
+"""The name of what is behind a device agent's port, as links have it."""
 
 CLIENT = "client"
 """The name of those who publish or query from outside the society."""
@@ -99,6 +110,7 @@ class VirtualMesh:
         self.places: list[Place] = []  # and the guests' too
         self.events = 0
         self.liveliness = Liveliness(self, lease, reconnect)
+        self.star = Star(self, reconnect)
         self._ties = ties
         self._heap: list[tuple[float, int, Step, Any, Any]] = []
         self._sequence = 0
@@ -127,16 +139,19 @@ class VirtualMesh:
         clock: Clock | None = None,
         *,
         admit: bool = True,
+        waits: bool = True,
         namespace: str = DEFAULT_NAMESPACE,
     ) -> Node:
         """A process starts, now; a device that another had open is its own once it has joined.
 
-        Without `admit` it joins at once, whoever is alive.
+        Without `admit` it joins at once, whoever is alive. While there is no router that it could
+        be a client of, its agent does not begin, unless it is one that `waits` for none.
         """
         node = Node(agent, self, device, clock, admit, namespace)
+        node.waits = waits
         self.nodes.append(node)
         self.take_in(node)
-        self.call_at(self.now, self._start, node)
+        self.call_at(self.now, self.start, node)
         if self.joined is not None:
             self.joined(node)
         return node
@@ -145,9 +160,11 @@ class VirtualMesh:
         """Somebody joins, now."""
         self.places.append(place)
         self._routes.clear()
+        self.star.join(place)
 
-    def _start(self, node: Node, _: Any) -> None:
-        if node.alive:
+    def start(self, node: Node, _: Any = None) -> None:
+        """Have its agent begin, if it has not yet and is linked to a router."""
+        if node.alive and not node.begun and (self.star.has_router(node) or not node.waits):
             self.liveliness.look(node)
             node.begin()
 
@@ -192,9 +209,12 @@ class VirtualMesh:
         """Have something called at a time."""
         heapq.heappush(self._heap, (when, self._next(), call, a, b))
 
-    def later(self, source: str, target: str, call: Step, a: Any, b: Any = None) -> None:
+    def later(self, source: Place | str, target: Place, call: Step, a: Any, b: Any = None) -> None:
         """Have something called once it has come over the network, if it does."""
-        at = self.link(source, target).arrival(self.now)
+        sender = source if isinstance(source, str) else source.address
+        if not isinstance(source, str) and not self.star.passes(source, target, (call, a, b)):
+            return
+        at = self.link(sender, target.address).arrival(self.now)
         if at is not None:
             self.call_at(at, call, a, b)
 
@@ -221,7 +241,7 @@ class VirtualMesh:
     def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
         """Publish a payload, whatever it is, from outside the society."""
         for place, deliver, to in self.routes(DEFAULT_NAMESPACE, key):
-            self.later(sender, place.address, deliver, to, (key, data))
+            self.later(sender, place, deliver, to, (key, data))
 
     def arrive(self, message: Message, name: str, key: str) -> None:
         """Have something arrive, now, that was published on a key for an agent long ago."""
@@ -279,9 +299,14 @@ class VirtualMesh:
         if speaker is not None and speaker.lost:
             return ""
         now, links, heap, what = self.now, self._links, self._heap, (key, shared)
+        star = self.star if self.star.troubled else None
         for place, deliver, to in routes:
             if place is speaker or place.lost:
                 continue
+            if star is not None and speaker is not None:
+                passes = star.passes(speaker, place, (deliver, to, what))
+                if not passes:
+                    continue
             link = links.get((sender, place.address)) or self.link(sender, place.address)
             at = link.arrival(now)
             while at is not None:
@@ -333,17 +358,18 @@ class VirtualMesh:
     ) -> None:
         """Ask everybody who answers on a key, or on the keys of a pattern."""
         self._asked += 1
-        number, name, waits = self._asked, CLIENT if asker is None else asker.address, 0
+        number, name, waits = self._asked, CLIENT if asker is None else asker, 0
         shared = sendable(request)
         if isinstance(shared, str):
             if asker is not None:
                 asker.unsent(key, shared)
         elif asker is None or not asker.lost:
             for place in self.others(asker, namespace):
-                for one in () if place.lost else place.queried(key):
+                unknown = asker is not None and not self.star.knows(asker, place)
+                for one in () if place.lost or unknown else place.queried(key):
                     waits += 1
-                    self.later(name, place.address, place.asked, one, (key, shared, number))
-        self._queries[number] = Query(name, waits, each, over)
+                    self.later(name, place, place.asked, one, (key, shared, number))
+        self._queries[number] = Query(asker, waits, each, over)
         self.call_at(self.now + (timeout if waits else 0.0), self._over, number)
 
     def reply(self, place: Place, number: int, key: str, message: Message) -> None:
@@ -352,7 +378,12 @@ class VirtualMesh:
         if isinstance(shared, str):
             place.unsent(key, shared)
         elif query is not None and not place.lost:
-            self.later(place.address, query.asker, self._replied, number, (key, shared))
+            if query.asker is not None:
+                self.later(place, query.asker, self._replied, number, (key, shared))
+                return
+            at = self.link(place.address, CLIENT).arrival(self.now)
+            if at is not None:
+                self.call_at(at, self._replied, number, (key, shared))
 
     def _replied(self, number: int, what: tuple[str, Message]) -> None:
         query = self._queries.get(number)
@@ -408,7 +439,7 @@ class VirtualMesh:
 
     def write(self, node: Node, data: bytes) -> None:
         """Bytes for a node's device."""
-        link = self.link(node.address, address(node.namespace, "device"))
+        link = self.link(node.address, address(node.namespace, DEVICE))
         at = link.arrival(self.now)
         if at is not None:
             self.call_at(at, self._device_receives, node, link.spoil(data))
@@ -427,7 +458,7 @@ class VirtualMesh:
     def _from_device(self, port: Port, data: bytes) -> None:
         node = port.node
         if data and node.alive:
-            link = self.link(address(node.namespace, "device"), node.address)
+            link = self.link(address(node.namespace, DEVICE), node.address)
             at = link.arrival(self.now)
             if at is not None:
                 self.call_at(at, node.received, link.spoil(data))
@@ -443,9 +474,13 @@ class Port:
 
 class Query:
     def __init__(
-        self, asker: str, waits: int, each: Callable[[str, Message], bool], over: Callable[[], None]
+        self,
+        asker: Place | None,
+        waits: int,
+        each: Callable[[str, Message], bool],
+        over: Callable[[], None],
     ) -> None:
-        self.asker = asker
+        self.asker = asker  # none: somebody outside the society
         self.waits = waits  # how many may still reply
         self.each = each  # takes a reply; whether that is enough
         self.over = over  # told that there will be no more
@@ -459,9 +494,37 @@ class Place:
         self.name = name
         self.address = address(namespace, name)  # by which its links are known
         self.alive = True
+        self.hung = False
         self.lost = False  # hung for longer than the lease, and not found again yet
         self.tokens: list[tuple[str, str]] = []  # (name, instance) of those that can be seen
         self.mesh = mesh
+        self.uplink: object = None  # what it is linked to: who has the same reaches it
+        self.presence = Presence(self.tell, self.tell_router, reachable=True)
+        self._look_at = inf
+
+    @property
+    def is_router(self) -> bool:
+        """Whether it is a robot's process."""
+        return False
+
+    def see(self, name: str, instance: str, there: bool) -> None:
+        """A token has come, or gone."""
+        self.presence.token(name, instance, there)
+        self.mind_presence()
+
+    def mind_presence(self) -> None:
+        """See that it looks again when that is due."""
+        due = self.presence.due
+        if due < self._look_at:
+            self._look_at = due
+            self.mesh.call_at(due, self._look, due)
+
+    def _look(self, due: float, _: Any) -> None:
+        if due == self._look_at:
+            self._look_at = inf
+            if self.alive:
+                self.presence.look(self.mesh.now)
+                self.mind_presence()
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
         """The patterns that it listens to, what takes a delivery, and as what."""
@@ -477,6 +540,10 @@ class Place:
 
     def tell(self, name: str, instance: str, alive: bool) -> None:
         """Take the news of a token."""
+        raise NotImplementedError
+
+    def tell_router(self, there: bool) -> None:
+        """Take the news that the robot's router can be reached, or cannot."""
         raise NotImplementedError
 
     def unsent(self, key: str, why: str) -> None:
@@ -515,26 +582,31 @@ class Node(Place):
         admit: bool,
         namespace: str,
     ) -> None:
-        super().__init__(mesh, namespace, agent.name)
         self.agent = agent
+        super().__init__(mesh, namespace, agent.name)
         self.device = device
         self.clock = clock
         self.mailbox: Mailbox[Callable[[], None]] = Mailbox()
-        self.hung = False
+        self.waits = True  # for a router, before its agent begins
         self.hangs = 0
         self.work_s = 0.0  # for each delivery: what else it would have been through at once
         self._busy = False
         self._worked = 0  # deliveries since its last wake-up, or since nothing waited
         self._wake_due: float | None = None
         self._admit = admit
-        self._begun = False
+        self.begun = False
         self.driver = Driver(agent, self.time, admit=admit)
         self.keep_journal()
+
+    @property
+    def is_router(self) -> bool:
+        """See `Place`."""
+        return WHEELS in self.agent.owns
 
     def keep_journal(self) -> None:
         """From its beginning, if it has not begun and the mesh has somebody read it."""
         head = self.mesh.head
-        if head is not None and not self._begun:
+        if head is not None and not self.begun:
             told = head(self.agent)
             self.driver = Journalled(
                 self.agent, self.time, told, admit=self._admit, publishes=False
@@ -551,7 +623,7 @@ class Node(Place):
         return now if self.clock is None else self.clock.read(now)
 
     def begin(self) -> None:
-        self._begun = True
+        self.begun = True
         self.driver.begin(self.time)
         self._drain()
 
@@ -574,6 +646,7 @@ class Node(Place):
         self.hung = False
         self._flush()
         self.mesh.liveliness.woken(self)
+        self.mesh.star.woken(self)
 
     def slow_down(self, work_s: float) -> None:
         """It needs so long for each delivery from now on, s; 0 is as fast as ever."""
@@ -629,6 +702,12 @@ class Node(Place):
         self._hand(
             lambda: self.driver.token(name, instance, alive, self.time), f"token/{instance}", 1
         )
+
+    def tell_router(self, there: bool) -> None:
+        if self.begun:
+            self._hand(lambda: self.driver.router(there, self.time), "router", 1)
+        else:
+            self.driver.router(there, self.time)
 
     def received(self, data: bytes, _: Any) -> None:
         """Take bytes from the device."""
@@ -770,13 +849,201 @@ class Node(Place):
         self._drain()
 
 
+class Star:
+    """Who is linked to which router: what two say to each other passes it.
+
+    The router is the process of the newest robot agent whose predecessor is gone. While it hangs
+    what others say waits in it; when it is gone they are cut off, from each other too, and look for
+    the next one again and again.
+    """
+
+    def __init__(self, mesh: VirtualMesh, reconnect: tuple[float, float]) -> None:
+        self.troubled = False  # whether anything has gone wrong yet: before, all reach all
+        self._mesh = mesh
+        self._reconnects = reconnect
+        self._rng = mesh.stream("star")
+        self._routers: dict[str, Node] = {}  # by namespace
+        self._held: dict[Node, list[tuple[Place, Place, tuple[Step, Any, Any]]]] = {}
+        self._seeking: set[Place] = set()  # that will try to link
+
+    def router(self, namespace: str) -> Node | None:
+        """The router of a namespace, alive or not; None if there never was one."""
+        return self._routers.get(namespace)
+
+    def has_router(self, place: Place) -> bool:
+        """Whether a place is linked to a router, is one, or needs none."""
+        return place.uplink is not place or self._routers.get(place.namespace) is place
+
+    def knows(self, place: Place, other: Place) -> bool:
+        """Whether a place knows of another of its namespace, as far as routers tell it."""
+        return not self.troubled or place.uplink is other.uplink
+
+    def is_link(self, way: Way) -> bool:
+        """Whether there is a link between two addresses, and not only a way by routers."""
+        if any(each.rpartition("/")[2] == DEVICE for each in way):
+            return True
+        ends = [self._routers.get(_namespace(each)) for each in way]
+        if ends[0] is ends[1]:
+            return ends[0] is None or ends[0].address in way
+        return all(end is None or end.address == each for end, each in zip(ends, way, strict=True))
+
+    def join(self, place: Place) -> None:
+        """Somebody starts: with whom it is linked."""
+        router = self._routers.get(place.namespace)
+        if _can_route(place) and (router is None or not router.alive):
+            self._lead(place)
+        elif router is None:
+            pass  # everybody reaches everybody
+        elif self._reaches(place, router):
+            place.uplink = router
+        else:
+            self.troubled = True
+            place.uplink = place
+            place.presence.link(False, self._mesh.now)
+            self._seek(place)
+
+    # What passes ---------------------------------------------------------------------------------
+
+    def passes(self, source: Place, target: Place, what: tuple[Step, Any, Any]) -> bool:
+        """Whether something passes now; it waits if a router between the two hangs."""
+        if not self.troubled:
+            return True
+        routers = self._between(source, target)
+        hung = next((router for router in routers or () if router.hung), None)
+        if hung is not None:
+            self._held.setdefault(hung, []).append((source, target, what))
+        return routers is not None and hung is None
+
+    def delays(self, source: Place, target: Place) -> bool:
+        """Whether a router between the two hangs, so that news of one's end comes later."""
+        return any(router.hung for router in self._between(source, target) or ())
+
+    def _between(self, source: Place, target: Place) -> list[Node] | None:
+        """The routers by which one reaches another; None if it does not."""
+        if source.namespace == target.namespace:
+            router = source.uplink
+            if router is not target.uplink:
+                return None
+            if not isinstance(router, Node) or router is source or router is target:
+                return []
+            routers = [router]
+        else:
+            routers = []
+            for place in (source, target):
+                router = self._routers.get(place.namespace)
+                if router is not None and place.uplink is not router:
+                    return None
+                routers += [] if router is None else [router]
+        way = [source, *routers, target]
+        for one, other in pairwise(way):
+            if one is not other and not self._mesh.link(one.address, other.address).up:
+                return None
+        between = [router for router in routers if router is not source and router is not target]
+        return between if all(router.alive for router in between) else None
+
+    # Losing a router, and finding it -------------------------------------------------------------
+
+    def lose(self, router: Node, _: Any = None) -> None:
+        """A router is gone, or hangs for longer than the lease: all are cut off."""
+        self.troubled = True
+        self._held.pop(router, None)
+        others = self._mesh.others(router)
+        for place in others:
+            if place.uplink is router:
+                self.cut_off(place)
+        if router.alive:
+            return
+        for place in others:
+            self._mesh.liveliness.gone(place, router)
+        if self._routers[router.namespace] is router:
+            second = next((place for place in others if _can_route(place)), None)
+            if second is not None:  # its process would not have come up, and is started anew
+                self._lead(second)
+
+    def cut_off(self, place: Place) -> None:
+        """A place has lost its router: it reaches only itself."""
+        self.troubled = True
+        place.uplink = place
+        place.presence.link(False, self._mesh.now)
+        self._seek(place)
+
+    def woken(self, node: Node) -> None:
+        """A process goes on: so does what has waited in it, and those find it that it has lost."""
+        router = self._routers.get(node.namespace)
+        if router is not node:
+            if router is not None and node.uplink is not router:
+                self._seek(node)
+            return
+        for source, target, what in self._held.pop(node, ()):
+            self._mesh.later(source, target, *what)
+        for place in self._mesh.others(node):
+            if place.uplink is not node:
+                self._seek(place)
+
+    def reach(self, place: Place) -> None:
+        """A place links to its router again, at once if it can."""
+        router = self._routers.get(place.namespace)
+        if router is None or place.uplink is router or not place.alive:
+            return
+        if self._reaches(place, router):
+            self._link(place, router)
+        else:
+            self._seek(place)
+
+    def _lead(self, router: Node) -> None:
+        """A process is the router of its namespace from now on."""
+        self._routers[router.namespace] = router.uplink = router
+        for place in self._mesh.others(router):
+            if place.uplink is None:
+                place.uplink = router
+            else:
+                self._seek(place)
+
+    def _seek(self, place: Place) -> None:
+        """Try to reach the router some time later."""
+        if place not in self._seeking:
+            self._seeking.add(place)
+            at = self._mesh.now + self._rng.uniform(*self._reconnects)
+            self._mesh.call_at(at, self._try, place)
+
+    def _try(self, place: Place, _: Any) -> None:
+        self._seeking.discard(place)
+        if self._works(self._routers[place.namespace]) and not place.hung:
+            self.reach(place)  # else it is woken, or replaced
+
+    def _link(self, place: Place, router: Node) -> None:
+        place.uplink = router
+        place.presence.link(True, self._mesh.now)
+        place.mind_presence()
+        liveliness = self._mesh.liveliness
+        liveliness.look(place)
+        for name, instance in place.tokens:
+            liveliness.join(place, name, instance)
+        if isinstance(place, Node):
+            self._mesh.start(place)
+
+    def _reaches(self, place: Place, router: Node) -> bool:
+        ready = self._works(router) and not place.hung and not place.lost
+        return ready and not self._is_cut(place, router)
+
+    def _works(self, router: Node) -> bool:
+        return router.alive and not router.hung and not router.lost
+
+    def _is_cut(self, place: Place, router: Node) -> bool:
+        there, back = (place.address, router.address), (router.address, place.address)
+        return not (self._mesh.link(*there).up and self._mesh.link(*back).up)
+
+
+def _can_route(place: Place) -> TypeGuard[Node]:
+    return isinstance(place, Node) and place.is_router
+
+
 class Liveliness:
     """Who is alive, as each sees it: tokens, leases, cuts and hangs, as Zenoh has them.
 
     A process that is killed is missed at once: its socket closes. One that is cut off or hangs is
-    missed when its lease runs out; the connection is then gone both ways, and both sides are told
-    so, the hung one on waking. Some time after the cut has healed, or it has woken, they connect
-    again.
+    missed when its lease runs out; to itself it is cut off from then on. Some time after the cut
+    has healed, or it has woken, it is linked again.
     """
 
     def __init__(self, mesh: VirtualMesh, lease: float, reconnect: tuple[float, float]) -> None:
@@ -801,34 +1068,53 @@ class Liveliness:
 
     def killed(self, place: Place) -> None:
         """A process is gone: who reached it sees its socket close, the others its lease end."""
+        star = self._mesh.star
+        router = star.router(place.namespace)
+        if router is place:
+            star.troubled = True
+            self._mesh.call_at(self._mesh.now + LIVELINESS, star.lose, place)
+            return
         for other in self._mesh.others(place):
-            reached = self._mesh.link(place.address, other.address).up and not place.lost
+            by = other if router is None else router
+            reached = self._mesh.link(place.address, by.address).up and not place.lost
             at = self._mesh.now + (LIVELINESS if reached else self._lease)
-            self._mesh.call_at(at, self._gone, other, place)
+            self._mesh.call_at(at, self._missed, other, place)
 
     # Hangs ---------------------------------------------------------------------------------------
 
     def hung(self, node: Node) -> None:
         """A node hangs from now on."""
         node.hangs += 1
+        self._mesh.star.troubled = True
         self._mesh.call_at(self._mesh.now + self._lease, self._hung_for_long, node, node.hangs)
 
     def woken(self, node: Node) -> None:
         """It is back, and has dealt with what waited for it; tell it what it has lost meanwhile."""
         if not node.lost:
             return
-        for other in self._mesh.others(node):
-            self._gone(node, other)
-        at = self._mesh.now + self._rng.uniform(*self._reconnects)
-        self._mesh.call_at(at, self._found, node, node.hangs)
+        router = self._mesh.star.router(node.namespace)
+        if router is None or router is node:
+            for other in self._mesh.others(node):
+                self.gone(node, other)
+        else:
+            self._mesh.star.cut_off(node)
+        if router is None:
+            at = self._mesh.now + self._rng.uniform(*self._reconnects)
+            self._mesh.call_at(at, self._found, node, node.hangs)
+        else:
+            node.lost = False
 
     def _hung_for_long(self, node: Node, hang: int) -> None:
         if node.alive and node.hung and node.hangs == hang:
             node.lost = True
+            if self._mesh.star.router(node.namespace) is node:
+                self._mesh.star.lose(node)
+                return
             for other in self._mesh.others(node):
-                self._gone(other, node)
+                self._missed(other, node)
 
     def _found(self, node: Node, hang: int) -> None:
+        """It is linked again, where there is no router."""
         if node.alive and not node.hung and node.hangs == hang:
             node.lost = False
             self.look(node)
@@ -841,25 +1127,40 @@ class Liveliness:
         """What sources publish no longer reaches targets, by names.
 
         With a `lease` the connection ends both ways when it runs out, as TCP's does; without,
-        nobody ever notices but by the silence.
+        nobody ever notices but by the silence. A cut between two that have no link, because a
+        router is between them, does nothing.
         """
+        self._mesh.star.troubled = True
         for way in _ways(sources, targets):
             self._cuts[way] += 1
-            self._mesh.link(*way).up = False
+            if self._mesh.star.is_link(way):
+                self._mesh.link(*way).up = False
             if lease:
                 at = self._mesh.now + self._lease
                 self._mesh.call_at(at, self._cut_for_long, way, self._cuts[way])
 
     def heal(self, sources: Iterable[str], targets: Iterable[str]) -> None:
+        wait = self._rng.uniform(*self._reconnects)
         for way in _ways(sources, targets):
             self._cuts[way] -= 1
             if self._cuts[way]:
                 continue
             if frozenset(way) in self._parted:
-                at = self._mesh.now + self._rng.uniform(*self._reconnects)
-                self._mesh.call_at(at, self._reconnect, way)
+                self._mesh.call_at(self._mesh.now + wait, self._reconnect, way)
             else:
                 self._mesh.link(*way).up = True
+                for place, other in self._pairs(frozenset(way)):
+                    self._catch_up(place, other)
+
+    def _catch_up(self, place: Place, other: Place) -> None:
+        """A link was cut for less than the lease: tokens that came meanwhile come now."""
+        router = self._mesh.star.router(place.namespace)
+        if router is None and not (place.lost or other.lost):
+            self._show(other, place)
+        elif other is router and place.uplink is router:
+            self.look(place)
+            for name, instance in place.tokens:
+                self.join(place, name, instance)
 
     def _cut_for_long(self, way: Way, _: Any) -> None:
         """Part them, if they are still cut; one that was cut anew meanwhile is parted early."""
@@ -867,11 +1168,21 @@ class Liveliness:
         if not self._cuts[way] or pair in self._parted:
             return
         self._parted.add(pair)
-        self._both_ways(way, up=False)
-        for place in self._mesh.places:
-            for other in self._mesh.places:
-                if place.alive and place is not other and {place.address, other.address} == pair:
-                    self._gone(place, other)
+        if self._mesh.star.is_link(way):
+            self._both_ways(way, up=False)
+        for place, other in self._pairs(pair):
+            router = self._mesh.star.router(place.namespace)
+            if router is None:
+                self.gone(place, other)
+            elif other is router and place.uplink is router:
+                self._mesh.star.cut_off(place)
+                # Those that are cut off at this instant, too, do not miss each other.
+                self._mesh.call_at(self._mesh.now + LIVELINESS, self._parted_from, place)
+
+    def _parted_from(self, place: Place, _: Any) -> None:
+        """A place is cut off: those that are still linked to the router miss it."""
+        for other in self._mesh.others(place):
+            self._missed(other, place)
 
     def _reconnect(self, way: Way, _: Any) -> None:
         pair = frozenset(way)
@@ -879,12 +1190,19 @@ class Liveliness:
             return
         self._parted.remove(pair)
         self._both_ways(way, up=True)
+        for place, other in self._pairs(pair):
+            router = self._mesh.star.router(place.namespace)
+            if router is None and other.alive and not (place.lost or other.lost):
+                self._show(other, place)
+            elif other is router:
+                self._mesh.star.reach(place)
+
+    def _pairs(self, pair: frozenset[str]) -> Iterator[tuple[Place, Place]]:
+        """Places that are alive and others, by the addresses of both, either way round."""
         for place in self._mesh.places:
             for other in self._mesh.places:
-                here = place.alive and other.alive and not (place.lost or other.lost)
-                if here and (place.address, other.address) == way:
-                    self._show(place, other)
-                    self._show(other, place)
+                if place.alive and place is not other and {place.address, other.address} == pair:
+                    yield place, other
 
     def _both_ways(self, way: Way, *, up: bool) -> None:
         self._mesh.link(way[0], way[1]).up = self._mesh.link(way[1], way[0]).up = up
@@ -899,24 +1217,35 @@ class Liveliness:
             self._tell_of(place, other, name, instance)
 
     def _tell_of(self, place: Place, other: Place, name: str, instance: str) -> None:
-        what = (place, name, instance)
-        self._mesh.later(place.address, other.address, self._appear, other, what)
+        self._mesh.later(place, other, self._appear, other, (name, instance))
 
-    def _appear(self, place: Place, what: tuple[Place, str, str]) -> None:
-        other, name, instance = what
-        if other.alive:
-            place.tell(name, instance, True)
+    def _appear(self, place: Place, what: tuple[str, str]) -> None:
+        if place.alive:
+            place.see(*what, True)
 
-    def _gone(self, place: Place, other: Place) -> None:
+    def _missed(self, place: Place, other: Place) -> None:
+        """The tokens of another go; a router that hangs between the two reports it afterwards."""
+        if self._mesh.star.delays(other, place):
+            self._mesh.call_at(self._mesh.now + LOOK_AGAIN, self._missed, place, other)
+        else:
+            self.gone(place, other)
+
+    def gone(self, place: Place, other: Place) -> None:
+        """One sees the tokens of another go."""
         if place.namespace != other.namespace:
             return
         for name, instance in other.tokens:
-            place.tell(name, instance, False)
+            place.see(name, instance, False)
 
 
 def address(namespace: str, name: str) -> str:
     """What a process is called among all robots': by its name alone where there is one robot."""
     return name if namespace == DEFAULT_NAMESPACE else f"{namespace}/{name}"
+
+
+def _namespace(address: str) -> str:
+    """The namespace of a process, by its address."""
+    return address.rpartition("/")[0] or DEFAULT_NAMESPACE
 
 
 def _ways(sources: Iterable[str], targets: Iterable[str]) -> list[Way]:

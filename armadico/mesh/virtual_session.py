@@ -22,12 +22,13 @@ class VirtualSession(Place):
     ) -> None:
         """Join; by its name its links are told from others'."""
         super().__init__(mesh, namespace, name)
-        mesh.take_in(self)
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
         self._listeners: list[tuple[str, Step, Any]] = []
         self._answers: list[tuple[str, Callable[[Call], None]]] = []
         self._changed: list[Callable[[str, str, bool], None]] = []
+        self._router_changed: list[Callable[[bool], None]] = []
+        mesh.take_in(self)
 
     def __enter__(self) -> Self:
         return self
@@ -94,6 +95,19 @@ class VirtualSession(Place):
         self._changed.append(changed)
         self.mesh.liveliness.look(self)
 
+    @property
+    def reachable(self) -> bool:
+        """See `Mesh`."""
+        return self.presence.reachable
+
+    def watch_router(self, changed: Callable[[bool], None]) -> None:
+        self._router_changed.append(changed)
+        changed(self.reachable)
+
+    def wait_joined(self, timeout: float) -> bool:  # noqa: ARG002
+        """See `Mesh`: it has joined."""
+        return True
+
     def read(self, kind: type[M], key: str, data: bytes) -> M | None:
         return self._reader.read(kind, key, data)
 
@@ -129,6 +143,10 @@ class VirtualSession(Place):
     def tell(self, name: str, instance: str, alive: bool) -> None:
         for changed in self._changed:
             changed(name, instance, alive)
+
+    def tell_router(self, there: bool) -> None:
+        for changed in self._router_changed:
+            changed(there)
 
 
 class Asked:

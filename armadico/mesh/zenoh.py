@@ -3,6 +3,12 @@
 Callbacks run on Zenoh's own reception thread and must return soon: a slow one stops reception for
 the whole process. Most put what they are given into a queue. They are handed bytes; the owner of
 the queue reads them with `ZenohMesh.read`, so a value that is overtaken there is never decoded.
+
+A client may be used while its router is not there: what it declares is declared once it is linked,
+what it publishes goes nowhere, and nobody answers what it asks. When the link is lost it opens a
+new session. Zenoh would link the old one again by itself, but a router that had hung then forwards
+what has waited in it under wrong keys: it still numbers them as before (measured with 1.10.2:
+some hundred messages after each hang of more than the lease).
 """
 
 from __future__ import annotations
@@ -11,10 +17,10 @@ import atexit
 import json
 import logging
 import os
-import random
+import socket
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
@@ -30,30 +36,49 @@ import zenoh
 
 from armadico.core.messages import Message, encode
 from armadico.core.services import TOKEN
+from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links
-from armadico.mesh.repair import Repair
-from armadico.mesh.topology import MeshError, Topology, any_port, one_way, rooted
+from armadico.mesh.presence import Changed, Presence
+from armadico.mesh.topology import FLEET, MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0
 """A session that does not close within this is left behind (closing may block for 10 s)."""
 
-ATTEMPT_MS: Final = 1000
-"""How long one attempt to reach a router goes on."""
+LOOK_S: Final = 0.1
+"""How often a client looks whether its router is there,"""
+
+SAY_S: Final = 1.5
+"""and after how long it says that it waits."""
+
+PROBE_S: Final = 1.0
+"""What a router on another computer may take to accept a connection."""
+
+TRY_S: Final = 1.0
+"""How long opening waits until a router has been joined, or none is there."""
+
+ANSWER_S: Final = 0.5
+"""How long a router may take to tell whether it leads to the robot's."""
+
+FLEET_S: Final = 1.0
+"""How often a router looks for other robots of its fleet on this computer."""
+
+PASSED_ON: Final = b"fleet"
+"""Marks what another robot of the fleet has published: it is not passed on again."""
+
+ROUTER: Final = "router/{id}"
+"""The liveliness token of a robot's router."""
 
 SETTINGS: Final[dict[str, Any]] = {
-    "mode": "peer",
     "scouting/multicast/enabled": False,
-    "scouting/gossip/enabled": True,
-    # One end of a pair connects: the greater id, which `one_way` makes the later in the table too.
-    "scouting/gossip/autoconnect_strategy": {
-        "peer": {"to_router": "always", "to_peer": "greater-zid"}
-    },
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 0,  # opening would wait for so long for others that are not looked for
     # The lease is what the *others* wait before they take this process for gone.
     "transport/link/tx/lease": 1000,
     "transport/link/tx/keep_alive": 4,
+    "connect/timeout_ms": 2500,  # of one attempt; one to join a router that hangs takes as long
     "connect/retry": {
         "period_init_ms": 200,
         "period_max_ms": 500,
@@ -63,11 +88,13 @@ SETTINGS: Final[dict[str, Any]] = {
     "transport/unicast/open_timeout": 2000,
     "transport/shared_memory/enabled": False,
     "timestamping/enabled": False,
-    # Seeds that are not there yet are no reason to wait: links come up in the background.
     "open/return_conditions/connect_scouted": False,
     "open/return_conditions/declares": False,
 }
 """Set on every process. Times in ms, as Zenoh has them."""
+
+Declare = Callable[[zenoh.Session], None]
+"""Declares something in a session."""
 
 
 class Call:
@@ -83,8 +110,12 @@ class Call:
 
     def reply(self, key: str, message: Message) -> None:
         """Answer, from a key that the query's covers, and be done with it."""
-        self._query.reply(rooted(self._namespace, key), encode(message))
-        self._query.drop()  # type: ignore[no-untyped-call]
+        data = encode(message)
+        try:
+            self._query.reply(rooted(self._namespace, key), data)
+            self._query.drop()  # type: ignore[no-untyped-call]
+        except zenoh.ZError as error:  # the link that it came by is lost
+            logger.debug("no reply on %s: %s", key, error)
 
 
 class ZenohMesh(Reader, Monotonic):
@@ -93,15 +124,38 @@ class ZenohMesh(Reader, Monotonic):
     Zenoh's own namespace would hold what robots share, too (`rooted`): keys are placed here.
     """
 
-    def __init__(self, namespace: str, where: Topology) -> None:
+    def __init__(self, namespace: str, where: Topology, *, starts: bool = False) -> None:
+        """Prepare.
+
+        Args:
+            namespace: Which robot.
+            where: How to join.
+            starts: That there is no robot agent yet is nothing to warn of: it is being started.
+        """
         super().__init__()
         self.namespace = namespace
+        self.router = ""  # the id of the router that it is linked to, or is; empty without one
+        self._level = logging.INFO if starts else logging.WARNING
         self._where = where
+        self._lock = threading.RLock()
         self._session: zenoh.Session | None = None
-        self._repair: Repair | None = None
+        self._declarations: list[Declare] = []  # of each session that it has
+        self._opened = False
+        self._joined = threading.Event()
+        self._tried = threading.Event()  # whether a router is there, for the first time
+        self._joining = ""  # the router that is being joined: it may hang
+        self._left = threading.Event()
+        self._seeking: threading.Thread | None = None
+        self._closing: threading.Thread | None = None  # ends a session whose link is lost
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._kept: list[Any] = []  # declarations live as long as somebody holds them
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._watchers: list[Changed] = []
+        self._router_watchers: list[Callable[[bool], None]] = []
+        self._told: set[tuple[str, str]] = set()
+        self._presence = Presence(self._changed, self._router_changed, reachable=where.router)
+        self._fleet: FleetLinks | None = None
+        self._timer: threading.Timer | None = None
 
     def __enter__(self) -> ZenohMesh:
         self.open()
@@ -117,50 +171,157 @@ class ZenohMesh(Reader, Monotonic):
 
     # Joining and leaving -------------------------------------------------------------------------
 
-    def open(self) -> None:
-        """Join. Raises `MeshError` if none of the endpoints can be listened on, or no router comes.
+    @property
+    def hung(self) -> str:
+        """The router that accepts connections and has not answered; empty if none does so."""
+        return self._joining
 
-        Peers that are not there yet are no reason to wait, nor to fail: they come in any order.
+    @property
+    def missing(self) -> str:
+        """Why it has not been joined, and what to do: for people."""
+        if self.hung:
+            return f"the router at {self.hung} does not answer; continue its process, or restart it"
+        own = [str(self._socket())] if self._where.socket else []
+        places = " or ".join([*own, *self._where.connect])
+        return f"no robot agent at {places}; start one with `armadico up`"
+
+    def open(self) -> None:
+        """Join; a client that finds no router yet goes on looking, and can be used meanwhile.
+
+        Raises:
+            MeshError: A router cannot listen: another one is there, or it is no address of its own.
+            TopologyError: There is no place for the socket.
         """
-        if self._where.client:
-            self._attach()
-        else:
-            self._listen()
         atexit.register(self._end)
-        links = _direct(self._linked)
-        self._keep(self._open.info.declare_link_events_listener(links, history=True))
+        if self._where.router:
+            self._listen()
+            return
+        self._opened = True
+        if self._where.socket:
+            self._socket()  # what is wrong with it is said here
+        self._start_seeking()
+        self._tried.wait(TRY_S)  # a router that hangs accepts a connection, and no more
+
+    def wait_joined(self, timeout: float) -> bool:
+        """Whether it has been linked to its router, within `timeout` (s)."""
+        return self._joined.wait(timeout)
+
+    def _socket(self) -> Path:
+        return sockets.socket_of(self.namespace)
 
     def _listen(self) -> None:
-        """Bind the first endpoints that are free."""
-        failures = []
-        *well_known, last = self._where.attempts
-        for endpoints in (*well_known, last):
-            try:
-                self._session = zenoh.open(self._config(endpoints))
-            except zenoh.ZError as error:
-                failures.append(f"{', '.join(endpoints)}: {_reason(error)}")
-            else:
-                vacant = well_known if endpoints is last else ()
-                self._repair = Repair(self, self._where.connect, vacant)
-                self._repair.begin()
-                return
-        raise MeshError("cannot listen on " + "; ".join(failures))
+        """Be the router: one to a namespace and computer."""
+        path = self._socket()
+        listen = (sockets.endpoint(path), *self._where.listen)
+        try:
+            session = zenoh.open(self._config(listen, ()))
+        except zenoh.ZError as error:
+            if (there := sockets.holder(path)) is not None:
+                raise MeshError(
+                    f"process {there.pid} is the router of the namespace {self.namespace!r}"
+                    f" already ({path}): `armadico down` ends it, --namespace names another"
+                ) from None
+            raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
+        self._begin(session)
+        self._fleet = FleetLinks(self, self._where.fleet)
 
-    def _attach(self) -> None:
+    def _start_seeking(self) -> None:
+        seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
+        seeking.start()
+        self._seeking = seeking
+
+    def _seek(self) -> None:
         """Wait for the router, which may come after its clients."""
-        end = time.monotonic() + self._where.patience_s
-        said = False
-        while self._session is None:
-            try:
-                self._session = zenoh.open(self._config(()))
-            except zenoh.ZError:
-                if not said:
-                    logger.warning("waiting for the router %s", ", ".join(self._where.connect))
-                said = True
-                if time.monotonic() >= end:
-                    raise MeshError(
-                        f"no router answers at {', '.join(self._where.connect)}"
-                    ) from None
+        speaking = threading.Timer(SAY_S, self._say_missing)
+        speaking.daemon = True
+        speaking.start()
+        while not (self._left.is_set() or self._seek_once()):
+            self._tried.set()
+            self._left.wait(LOOK_S)
+        self._tried.set()
+        speaking.cancel()
+
+    def _say_missing(self) -> None:
+        if not (self._joined.is_set() or self._left.is_set()):
+            logger.log(self._level, "%s; waiting for it", self.missing)
+
+    def _seek_once(self) -> bool:
+        """Join, if a router is there now."""
+        path = self._socket() if self._where.socket else None
+        if path is not None and sockets.holder(path) is not None:
+            return self._join(sockets.endpoint(path), str(path))
+        answering = list(filter(_answers, self._where.connect))
+        if not answering:
+            self._joining = ""
+        return any(self._join(there, there) for there in answering)
+
+    def _join(self, there: str, shown: str) -> bool:
+        """Join by the router at an endpoint; `shown` is what people call it."""
+        self._joining = shown
+        try:
+            session = zenoh.open(self._config((), (there,)))
+        except zenoh.ZError as error:
+            logger.debug("%s: %s", there, error)
+            return False
+        self._joining = ""
+        if len(self._where.connect) > 1 and not self._leads_to_robot(session):
+            _close(session)
+            return False
+        self._begin(session)
+        return True
+
+    def _leads_to_robot(self, session: zenoh.Session) -> bool:
+        """Whether the robot's router can be reached: of several endpoints some are other robots'.
+
+        A router forwards nothing of another robot's.
+        """
+        tokens: list[zenoh.Reply] = []
+        over = threading.Event()
+        replied = zenoh.handlers.Callback(tokens.append, over.set, indirect=False)
+        key = self._rooted(ROUTER.format(id="*"))
+        session.liveliness().get(key, replied, timeout=ANSWER_S)
+        over.wait(2 * ANSWER_S)
+        return any(token.ok is not None for token in tokens)
+
+    def _begin(self, session: zenoh.Session) -> None:
+        """Declare all that is to be declared, now that there is a session."""
+        with self._lock:
+            if self._left.is_set():
+                _close(session)
+                return
+            self._opened, self._session = True, session
+            linked = _direct(lambda event: self._linked(session, event))
+            self._keep(session.info.declare_link_events_listener(linked, history=True))
+            if self._where.router:
+                self.router = str(session.info.zid())
+                key = ROUTER.format(id=self.router)
+                self._tokens[key] = session.liveliness().declare_token(self._rooted(key))
+            else:
+                where, root = self._placed(ROUTER.format(id="*"))
+                self._watch_tokens(session, where, root, self._router_token)
+            for declare in self._declarations:
+                declare(session)
+            self._joined.set()
+
+    def _lose(self, session: zenoh.Session) -> None:
+        """The link to the router is lost: open another session in place of this one."""
+        if self._session is not session or self._left.is_set():
+            return
+        self._session, kept, self._kept = None, self._kept, []
+        self.router = ""
+        self._joined.clear()
+        self._publishers.clear()
+        self._tokens.clear()
+        self._presence.link(False, self.now())
+
+        def close() -> None:
+            _close(session)
+            kept.clear()
+
+        # The end of a program waits for it, as in `close`; Zenoh's threads would pass on `daemon`.
+        self._closing = threading.Thread(target=close, name="closing", daemon=False)
+        self._closing.start()
+        self._start_seeking()
 
     def close(self, deadline: float = CLOSE_S) -> bool:
         """Leave; False if that took longer than `deadline` (s), and goes on by itself."""
@@ -169,15 +330,25 @@ class ZenohMesh(Reader, Monotonic):
             return True
         # Closing may block for long, and there is no time-out to give it. The end of a program
         # waits for it: a thread that comes back to an interpreter that has ended aborts it.
-        closing = threading.Thread(target=self._leave, args=(session,), name="closing")
+        closing = threading.Thread(target=_close, args=(session,), name="closing")
         closing.start()
         closing.join(deadline)
         return not closing.is_alive()
 
     def _taken(self) -> zenoh.Session | None:
         """The session to be closed, without its tokens; none if it has been closed."""
-        session, self._session = self._session, None
-        for token in self._tokens.values():
+        self._left.set()
+        if self._fleet is not None:
+            self._fleet.close()
+        with self._lock:
+            session, self._session = self._session, None
+            if self._timer is not None:
+                self._timer.cancel()
+        if self._seeking is not None:
+            self._seeking.join(ANSWER_S)
+            if self._seeking.is_alive():  # within Zenoh: the end of a program waits for it, too
+                threading.Thread(target=self._seeking.join, name="joining ends").start()
+        for token in reversed(self._tokens.values()):  # a router's own last, and before its links
             token.undeclare()  # type: ignore[no-untyped-call]
         self._tokens.clear()
         atexit.unregister(self._end)
@@ -186,49 +357,73 @@ class ZenohMesh(Reader, Monotonic):
     def _end(self) -> None:
         """Close what a program has left open: Zenoh's threads would never let its process end."""
         session = self._taken()
+        for thread in (self._seeking, self._closing):
+            if thread is not None:
+                thread.join()
         if session is not None:
-            self._leave(session)
-
-    def met(self) -> set[str]:
-        """The ids of the peers that it has a link with; of none when it has left."""
-        session = self._session
-        return set() if session is None else _met(session)
-
-    def open_beside(self, listen: tuple[str, ...] | None) -> _Beside | None:
-        try:
-            return _Beside(self._config(listen or (any_port(self._where.attempts[-1][0]),)))
-        except zenoh.ZError:
-            return None
+            _close(session)
 
     # Talking -------------------------------------------------------------------------------------
 
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
         """See `Mesh`. One priority for all: or a stop and a speed could change places."""
-        publisher = self._publishers.get(key)
+        data = encode(message) if data is None else data
+        publisher = self._publishers.get(key) or self._publisher(key)
         if publisher is None:
+            return
+        try:
+            publisher.put(data)
+        except zenoh.ZError:
+            if self._publishers.get(key) is publisher:  # else the link was lost this moment
+                raise
+
+    def _publisher(self, key: str) -> zenoh.Publisher | None:
+        """A new one; None while it looks for its router."""
+        with self._lock:
+            if self._waits:
+                return None
             publisher = self._publishers[key] = self._open.declare_publisher(
                 self._rooted(key),
                 congestion_control=zenoh.CongestionControl.DROP,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
-        publisher.put(encode(message) if data is None else data)
+            return publisher
 
     def has_said(self, key: str) -> bool:
         """See `Mesh`: the first time a key has to be declared."""
-        return key in self._publishers
+        return key in self._publishers or self._waits
 
-    def subscribe(self, pattern: str, receiver: Receiver) -> None:
+    def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
+        """See `Mesh`; `passed_on`: also what comes from another robot of the fleet."""
         where, root = self._placed(pattern)
 
-        def arrived(sample: zenoh.Sample) -> None:
-            key = str(sample.key_expr)
-            if "*" in key:
-                own = key.startswith(where[:root])
-                self.refuse(key[root:] if own else key, "published by wildcard")
-            else:
-                receiver(key[root:], sample.payload.to_bytes())
+        def declare(session: zenoh.Session) -> None:
+            def arrived(sample: zenoh.Sample) -> None:
+                key = str(sample.key_expr)
+                if self._session is not session:
+                    return  # it is being closed
+                if sample.attachment is not None and not passed_on:
+                    return
+                if "*" in key:
+                    own = key.startswith(where[:root])
+                    self.refuse(key[root:] if own else key, "published by wildcard")
+                else:
+                    receiver(key[root:], sample.payload.to_bytes())
 
-        self._keep(self._open.declare_subscriber(where, _direct(arrived)))
+            self._keep(session.declare_subscriber(where, _direct(arrived)))
+
+        self._declare(declare)
+
+    def pass_on(self, key: str, data: bytes) -> None:
+        """Publish what another robot of the fleet has published, marked as that."""
+        session = self._session
+        if session is not None:
+            session.put(
+                self._rooted(key),
+                data,
+                congestion_control=zenoh.CongestionControl.DROP,
+                attachment=PASSED_ON,
+            )
 
     def ask(
         self,
@@ -245,15 +440,20 @@ class ZenohMesh(Reader, Monotonic):
             if reply.ok is not None:
                 each(str(reply.ok.key_expr)[root:], reply.ok.payload.to_bytes())
 
-        self._open.get(
-            where,
-            zenoh.handlers.Callback(replied, done, indirect=False),
-            payload=encode(request),
-            timeout=timeout,
-            target=zenoh.QueryTarget.ALL,
-            congestion_control=zenoh.CongestionControl.DROP,  # never wait for one that hangs
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
+        payload = encode(request)
+        with self._lock:
+            if not self._waits:
+                self._open.get(
+                    where,
+                    zenoh.handlers.Callback(replied, done, indirect=False),
+                    payload=payload,
+                    timeout=timeout,
+                    target=zenoh.QueryTarget.ALL,
+                    congestion_control=zenoh.CongestionControl.DROP,  # wait for none that hangs
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                )
+                return
+        done()
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         where, root = self._placed(key)
@@ -261,33 +461,121 @@ class ZenohMesh(Reader, Monotonic):
         def asked(query: zenoh.Query) -> None:
             receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
 
-        self._keep(self._open.declare_queryable(where, _direct(asked)))
+        self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(asked))))
 
     # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
         key = TOKEN.format(name=name, instance=instance)
-        self._tokens[key] = self._open.liveliness().declare_token(self._rooted(key))
 
-    def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        where, root = self._placed(TOKEN.format(name="*", instance="*"))
+        def declare(session: zenoh.Session) -> None:
+            self._tokens[key] = session.liveliness().declare_token(self._rooted(key))
+            self._presence.token(name, instance, True)
 
+        self._declare(declare)
+
+    def watch_alive(self, changed: Changed) -> None:
+        with self._lock:
+            first = not self._watchers
+            self._watchers.append(changed)
+            for who in sorted(self._told):
+                changed(*who, True)
+        if first:
+            where, root = self._placed(TOKEN.format(name="*", instance="*"))
+            self._declare(lambda s: self._watch_tokens(s, where, root, self._agent_token))
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the robot's router can be reached."""
+        return self._presence.reachable
+
+    def watch_router(self, changed: Callable[[bool], None]) -> None:
+        with self._lock:
+            self._router_watchers.append(changed)
+            changed(self._presence.reachable)
+
+    # What is heard of others, on Zenoh's threads and the timer's ----------------------------------
+
+    def _watch_tokens(
+        self, session: zenoh.Session, where: str, root: int, then: Callable[[list[str], bool], None]
+    ) -> None:
         def arrived(sample: zenoh.Sample) -> None:
             chunks = str(sample.key_expr)[root:].split("/")
-            if len(chunks) == 3 and "*" not in chunks:
-                changed(chunks[1], chunks[2], sample.kind == zenoh.SampleKind.PUT)
+            if "*" not in chunks:
+                with self._lock:
+                    if self._session is session:
+                        then(chunks[1:], sample.kind == zenoh.SampleKind.PUT)
+                        self._wait_for_due()
 
-        self._keep(
-            self._open.liveliness().declare_subscriber(where, _direct(arrived), history=True)
-        )
+        found = session.liveliness().declare_subscriber(where, _direct(arrived), history=True)
+        self._keep(found)
+
+    def _router_token(self, _: list[str], there: bool) -> None:
+        """A router that ends closes one link after another: the tokens of those go before ours."""
+        if not there:
+            self._presence.link(False, self.now())
+
+    def _agent_token(self, chunks: list[str], there: bool) -> None:
+        if len(chunks) == 2:
+            self._presence.token(chunks[0], chunks[1], there)
+
+    def _linked(self, session: zenoh.Session, event: zenoh.LinkEvent) -> None:
+        there = event.kind == zenoh.SampleKind.PUT
+        if not self._where.router:
+            with self._lock:  # before the tokens that go with a link
+                if self._session is session:
+                    if there:
+                        self.router = str(event.link.zid)
+                        self._presence.link(True, self.now())
+                        self._wait_for_due()
+                    else:
+                        self._lose(session)
+        if there:  # one that is lost may be the end of the program: nothing must wait then
+            release_links()
+
+    def _wait_for_due(self) -> None:
+        due = self._presence.due
+        if due == float("inf") or self._timer is not None or self._left.is_set():
+            return
+        self._timer = threading.Timer(max(due - self.now(), 0.0), self._look)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _look(self) -> None:
+        with self._lock:
+            self._timer = None
+            self._presence.look(self.now())
+            self._wait_for_due()
+
+    def _changed(self, name: str, instance: str, there: bool) -> None:
+        (self._told.add if there else self._told.discard)((name, instance))
+        for changed in self._watchers:
+            changed(name, instance, there)
+
+    def _router_changed(self, reachable: bool) -> None:
+        for changed in self._router_watchers:
+            changed(reachable)
 
     # Inside --------------------------------------------------------------------------------------
+
+    @property
+    def _waits(self) -> bool:
+        """Whether its router is still looked for."""
+        return self._session is None and self._opened and not self._left.is_set()
 
     @property
     def _open(self) -> zenoh.Session:
         if self._session is None:
             raise MeshError("the mesh has not been joined, or has been left")
         return self._session
+
+    def _declare(self, declare: Declare) -> None:
+        """Declare something, in this session and in those after it."""
+        with self._lock:
+            begun = self._opened or self._left.is_set()
+            if begun and not self._waits:
+                declare(self._open)
+            self._declarations.append(declare)
 
     def _rooted(self, key: str) -> str:
         return rooted(self.namespace, key)
@@ -300,58 +588,102 @@ class ZenohMesh(Reader, Monotonic):
     def _keep(self, declaration: Any) -> None:
         self._kept.append(declaration)
 
-    def _leave(self, session: zenoh.Session) -> None:
-        if self._repair is not None:
-            self._repair.close()
-        session.close()  # type: ignore[no-untyped-call]
-
-    def _linked(self, event: zenoh.LinkEvent) -> None:
-        release_links()
-        if event.kind == zenoh.SampleKind.DELETE and self._repair is not None:
-            self._repair.lost(str(event.link.zid), str(event.link.dst))
-
-    def _config(self, listen: tuple[str, ...]) -> zenoh.Config:
+    def _config(self, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
         config = zenoh.Config()
-        connect, rank = one_way(listen, self._where.connect)
         own: dict[str, Any] = {
-            "id": _session_id(rank),
+            "mode": "router" if self._where.router else "client",
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
-        if self._where.client:
-            own |= {"mode": "client", "connect/timeout_ms": ATTEMPT_MS}
-        if self._where.multicast:
-            own |= {"scouting/multicast/enabled": True}
         for key, value in (SETTINGS | own).items():
             config.insert_json5(key, json.dumps(value))
         return config
 
 
-class _Beside:
-    def __init__(self, config: zenoh.Config) -> None:
-        """Raises `zenoh.ZError` if it cannot listen."""
-        self._session = zenoh.open(config)
-        released = _direct(lambda _event: release_links())
-        self._links = self._session.info.declare_link_events_listener(released, history=True)
+class FleetLinks:
+    """Brings to a robot's society what the other robots of its fleet publish for all.
 
-    def met(self) -> set[str]:
-        return _met(self._session)
+    It is a client of each other robot's router and passes on `fleet/**`, in one direction; so
+    nothing else crosses between robots. Routers are not linked to one another: Zenoh's own (1.10.2)
+    stops working for good in a process whose link to another router comes back after a hang.
+    """
+
+    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str]) -> None:
+        """Begin to look.
+
+        Args:
+            mesh: The robot's own.
+            elsewhere: Endpoints of robots on other computers.
+        """
+        self._mesh = mesh
+        self._elsewhere = tuple(elsewhere)
+        self._links: dict[str, ZenohMesh] = {}
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._keep, name="fleet", daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
-        self._links.undeclare()  # type: ignore[no-untyped-call]
-        try:
-            self._session.close()  # type: ignore[no-untyped-call]
-        except zenoh.ZError as error:  # after 10 s, on a machine with too much to do
-            logger.debug("a session beside is left behind: %s", error)
+        self._over.set()
+        self._thread.join(CLOSE_S)
+        for link in tuple(self._links.values()):
+            link.close()
+
+    def _keep(self) -> None:
+        """Link to robots that come, and forget those that have gone."""
+        own = sockets.socket_of(self._mesh.namespace)
+        for endpoint in self._elsewhere:
+            self._link(endpoint)
+        while not self._over.wait(FLEET_S):
+            for path in sockets.fleet_sockets(self._mesh.namespace):
+                endpoint = sockets.endpoint(path)
+                link = self._links.get(endpoint)
+                if path == own or (link is not None and link.wait_joined(0.0)):
+                    continue
+                there = sockets.holder(path) is not None
+                if link is None and there:
+                    self._link(endpoint)
+                elif link is not None and not there:
+                    self._links.pop(endpoint).close()
+
+    def _link(self, endpoint: str) -> None:
+        link = ZenohMesh(self._mesh.namespace, topology(connect=endpoint), starts=True)
+
+        def arrived(key: str, data: bytes) -> None:
+            if self._is_needed(link):
+                self._mesh.pass_on(key, data)
+
+        link.subscribe(f"{FLEET}/**", arrived, passed_on=False)
+        self._links[endpoint] = link
+        link.open()
+
+    def _is_needed(self, link: ZenohMesh) -> bool:
+        """Whether a link leads to another robot, and no other one to the same: by two endpoints."""
+        routers = [self._mesh.router]
+        for other in tuple(self._links.values()):
+            if other is link:
+                break
+            routers.append(other.router)
+        return link.router not in routers
 
 
-def _met(session: zenoh.Session) -> set[str]:
-    return {str(peer) for peer in session.info.peers_zid()}
+def _answers(endpoint: str) -> bool:
+    """Whether somebody accepts connections there. Only TCP tells; of others it is assumed."""
+    protocol, _, place = endpoint.partition("#")[0].partition("/")
+    address, _, port = place.rpartition(":")
+    if protocol not in ("tcp", "tls"):
+        return True
+    try:
+        socket.create_connection((address.strip("[]"), int(port)), PROBE_S).close()
+    except OSError:
+        return False
+    return True
 
 
-def _session_id(rank: int) -> str:
-    """A new id, hexadecimal. Zenoh compares ids by the last byte first: that is the rank."""
-    return f"{random.SystemRandom().getrandbits(120) | 1 << 119:030x}{rank:02x}"
+def _close(session: zenoh.Session) -> None:
+    try:
+        session.close()  # type: ignore[no-untyped-call]
+    except zenoh.ZError as error:  # after 10 s, on a machine with too much to do
+        logger.debug("a session is left behind: %s", error)
 
 
 def _direct(callback: Callable[[Any], None]) -> Any:

@@ -29,7 +29,7 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import journal as j
 from armadico.core.agent import Agent
-from armadico.core.journal import FORMAT, NOTHING, START, TAKE
+from armadico.core.journal import FORMAT, NOTHING, READABLE, START, TAKE
 from armadico.core.messages import PROTOCOL, JournalPiece, MessageError, decode
 from armadico.core.services import service_of
 from armadico.observe.conditions import digest, software
@@ -65,6 +65,7 @@ _SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {
     j.REPLIED: (_TIME, (int,), _ANY),
     j.RECEIVED: (_TIME, (bytes,)),
     j.LINK: (_TIME, (bool,), (str,)),
+    j.ROUTER: (_TIME, (bool,)),
     j.SLOW: (_TIME, _TIME),
     j.REFUSE: (_TIME, (str,), (str,)),
     j.REPORT: (_TIME, (dict,)),
@@ -340,7 +341,7 @@ def _head(frame: bytes) -> tuple[Head | None, str]:
             raise ValueError("no start")
         plain = msgpack.decode(start[3])
         version = plain["format"]
-        if version != FORMAT:
+        if version not in READABLE:
             return None, f"its journal is of format {version}; this program reads {FORMAT}"
         if plain["protocol"] != PROTOCOL:
             spoken = plain["protocol"]

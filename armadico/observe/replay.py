@@ -341,6 +341,7 @@ _DO: Final[Mapping[int, Callable[[Driver, Entry, Listens, Any], None]]] = {
     j.REPLIED: _replied,
     j.RECEIVED: _received,
     j.LINK: _link,
+    j.ROUTER: lambda d, e, _l, _a: d.router(e[2], e[1]),
     j.SLOW: lambda d, e, _l, _a: d.slow(e[2]),
     j.REFUSE: lambda d, e, _l, _a: d.refuse(e[2], e[3], e[1]),
     j.REPORT: lambda d, e, _l, _a: d.report(e[2], e[1]),

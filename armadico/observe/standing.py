@@ -69,6 +69,7 @@ class Sort(StrEnum):
     BLOCKED = "blocked"  # who drives sees no free way
     ABSENT = "absent"  # an agent is not alive
     SILENT = "silent"  # an agent is alive, has what it needs, and publishes nothing
+    UNREACHABLE = "unreachable"  # the robot's router, and with it everybody
     HOST = "host"  # all agents of a host are gone, or it is cut off
     LINK = "link"  # what is published does not arrive
     STALE = "stale"  # an agent publishes what answers old cycles
@@ -99,8 +100,8 @@ AS_ASKED: Final = frozenset(
 
 AT_FAULT: Final = frozenset(
     {
-        *(Sort.ABSENT, Sort.SILENT, Sort.HOST, Sort.LINK, Sort.STALE, Sort.DEVICE),
-        *(Sort.UNSOUND, Sort.REFUSED, Sort.FOREIGN, Sort.DRIVEN, Sort.UNSEEN),
+        *(Sort.UNREACHABLE, Sort.ABSENT, Sort.SILENT, Sort.HOST, Sort.LINK, Sort.STALE),
+        *(Sort.DEVICE, Sort.UNSOUND, Sort.REFUSED, Sort.FOREIGN, Sort.DRIVEN, Sort.UNSEEN),
     }
 )
 """Something of the society, its machines or its robot has to be mended."""
@@ -169,6 +170,8 @@ class _Chain:
         """From what is seen of the robot."""
         view, state = self.view, self.view.state
         key = service_of(RobotState).key
+        if view.cut_since is not None:
+            return self._unreachable(self.now - view.cut_since)
         if (nobody := self._nobody_is_heard()) is not None:
             return nobody
         if state is None or self.silent(key):
@@ -201,6 +204,13 @@ class _Chain:
         text = self._ends.get(cause)
         if text is not None:
             self._said[text] = self._said.pop(text)
+
+    def _unreachable(self, since: float) -> Cause:
+        """The robot agent's process is the router: without it nothing arrives."""
+        what = f"The robot agent has not been reachable for {since:.1f} s: it has ended or hangs,"
+        what += " or the network to it is cut."
+        todo = "`armadico doctor`, on the robot's computer, says which; `armadico up` starts it"
+        return self.end(Sort.UNREACHABLE, self._owner(), what, todo)
 
     def _nobody_is_heard(self) -> Cause | None:
         """Of a society that has ended, or where whoever listens is cut off, nothing is known."""

@@ -133,6 +133,7 @@ class View:
     Attributes:
         alive: The instances whose tokens are there, and since when.
         gone: Those whose tokens went, and when.
+        cut_since: When the link to the robot's router was lost; None: the router can be reached.
         cards: By instance, of those that are gone too.
         bids: By instance and resource, the newest record of a bid, or of why there was none, and
             when it came; of the resources the one that was bid for last is the last.
@@ -155,6 +156,7 @@ class View:
     def __init__(self) -> None:
         self.alive: dict[str, float] = {}
         self.gone: dict[str, float] = {}
+        self.cut_since: float | None = None
         self.cards: dict[str, Card] = {}
         self.bids: dict[str, dict[str, tuple[BidRecord, float]]] = {}
         self.exchanges: deque[Exchanged] = deque(maxlen=EXCHANGES)
@@ -192,6 +194,10 @@ class View:
         return view
 
     # What comes in -------------------------------------------------------------------------------
+
+    def router(self, *, there: bool, t: float) -> None:
+        """The robot's router can be reached, or cannot: then no token is reported as gone."""
+        self.cut_since = None if there else t
 
     def token(self, instance: str, *, there: bool, t: float) -> bool:
         """A liveliness token came or went; False if that was known."""

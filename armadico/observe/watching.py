@@ -92,6 +92,11 @@ class Watcher:
 
             mesh.watch_alive(changed)
 
+    def watch_router(self, view: View) -> None:
+        """Have a view know whether the robot's router can be reached, at once as it changes."""
+        for mesh in self.meshes:
+            mesh.watch_router(lambda there: view.router(there=there, t=self.clock() / 1e9))
+
     def ask(self, pattern: str, timeout: float) -> None:
         """Put an empty question; the replies are kept as they come."""
         for mesh in self.meshes:

@@ -96,7 +96,6 @@ def connect(
     *,
     hosts: str | Path | None = None,
     connect: str | Sequence[str] = (),
-    listen: str | Sequence[str] = (),
 ) -> Iterator[Client]:
     """Be a guest in a society that is up, here or elsewhere, for as long as the block lasts.
 
@@ -110,29 +109,20 @@ def connect(
     Args:
         namespace: Which robot; by default $ARMADICO_NAMESPACE, or robot1.
         hosts: A host table, its path or a shipped one's name; by default $ARMADICO_HOSTS, unless
-            `connect` or `listen` say where to look.
-        connect: Endpoints to connect to, such as tcp/192.168.1.5:7450; by default those of the
-            table, else $ARMADICO_ENDPOINTS, else this machine's four well-known ports.
-        listen: Endpoints to listen on; by default a port that is free.
+            `connect` says where to look.
+        connect: Where the robot's router is, such as tcp/192.168.1.5:7447; by default the table's,
+            else this machine's.
 
     Raises:
         TopologyError: A namespace or an endpoint that cannot be one.
         ConfigError: A host table that cannot be used.
-        MeshError: Nothing can be listened on, or a table's router does not come.
     """
     from armadico.config.hosts import HOSTS_VARIABLE, load_hosts  # noqa: PLC0415 - seldom needed
     from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - heavy
 
-    table = hosts or (None if connect or listen else os.environ.get(HOSTS_VARIABLE)) or None
-    known = None if table is None else load_hosts(table)
-    where = topology(
-        listen=listen,
-        connect=connect,
-        all_endpoints=() if known is None else known.endpoints(),
-        router=None if known is None else known.router,
-        multicast=known is not None and known.multicast,
-        passing=True,
-    )
+    table = hosts or (None if connect else os.environ.get(HOSTS_VARIABLE)) or None
+    robot = None if table is None else load_hosts(table).robots_router
+    where = topology(connect=connect, robot=robot)
     with ZenohMesh(checked_namespace(namespace or default_namespace()), where) as mesh:
         yield Client(mesh)
 

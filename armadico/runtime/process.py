@@ -39,7 +39,7 @@ from armadico.core.resources import LEAST_SILENCE_S
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
 from armadico.mesh.base import Call, Mesh
-from armadico.mesh.topology import MeshError
+from armadico.mesh.topology import MeshError, TopologyError
 from armadico.runtime.blame import failure
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.port_reader import Device, Port
@@ -64,6 +64,9 @@ SENDING_S: Final = 0.001
 
 BUNCHED_S: Final = 0.02
 """What comes on one key sooner than this after the one before is no cycle's: it has piled up."""
+
+JOIN_LOOK_S: Final = 0.2
+"""How often a process that waits for its router looks whether it is to end."""
 
 LEAVE_S: Final = 3.0
 """From the signal to the end of the process, whatever hangs."""
@@ -154,6 +157,14 @@ class AgentHost:
             for device in self._devices.values():
                 device.stop()
 
+    def wait_joined(self) -> None:
+        """Wait until the process is linked to its router, or until `request_stop`.
+
+        Without a router nobody can be seen, and it would join as if it were the first.
+        """
+        while not (self._stopping.is_set() or self._mesh.wait_joined(JOIN_LOOK_S)):
+            pass
+
     def request_stop(self) -> None:
         """Have `live` return soon; may be called from another thread."""
         self._stopping.set()
@@ -167,6 +178,7 @@ class AgentHost:
             for key in driver.queries:
                 self._mesh.answer(key, self._question(driver, key))
         self._mesh.watch_alive(self._token)
+        self._mesh.watch_router(self._router)
 
     # One turn ------------------------------------------------------------------------------------
 
@@ -388,6 +400,13 @@ class AgentHost:
     def _token(self, name: str, instance: str, alive: bool) -> None:
         self.inbox.put(f"token/{instance}", self._news, name, instance, alive, keep=1)
 
+    def _router(self, there: bool) -> None:
+        def tell() -> None:
+            for driver in self.drivers:
+                driver.router(there, self._clock())
+
+        self.inbox.put("router", tell, keep=1)
+
     def _news(self, name: str, instance: str, alive: bool) -> None:
         for driver in self.drivers:
             driver.token(name, instance, alive, self._clock())
@@ -475,15 +494,16 @@ def serve(
     code = 0
     try:
         mesh.open()
+        host.wait_joined()
         gc.collect()
         gc.freeze()  # what lives for ever is not looked at again
         host.live()
         if host.refusal:
             logger.error("in the namespace %r %s", mesh.namespace, host.refusal)
             code = MISUSED
-    except MeshError as error:
+    except (MeshError, TopologyError) as error:
         logger.error("%s", error)  # a matter of where, not of the program: no traceback
-        code = 1
+        code = MISUSED  # another robot agent or program is in its way, or its sockets' folder is
     except Exception as error:
         if told := failure(error):
             logger.error("%s", told)

@@ -48,7 +48,7 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     _name(args)
-    mesh = options.join(args, passing=False)  # who looks for the truth alone finds it there
+    mesh = options.join(args, passing=False, starts=True)
     scenario = _scenario(args)
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
     _meet(robots)
@@ -63,7 +63,7 @@ def main(argv: Sequence[str]) -> int:
             line, where = _line(theirs, other.truth().simulator, stack)
             served.append((other, line))
             places.append(where)
-            _show(other, options.join(theirs, passing=True), stack)
+            _show(other, options.join(theirs, starts=True), stack)
         several = f"a simulated {args.robot}"
         if args.also:
             several = f"{len(robots)} simulated robots ({args.robot})"

@@ -92,22 +92,30 @@ def test_a_robot_that_dies_gives_its_tasks_back() -> None:
     assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
 
 
-@pytest.mark.parametrize("what", ["the robot agent", "the interface agent"])
-def test_a_robot_that_can_do_nothing_gives_its_tasks_back_while_its_fleet_agent_lives(
-    what: str,
-) -> None:
+def test_a_robot_that_can_do_nothing_gives_its_tasks_back_while_its_fleet_agent_lives() -> None:
     band = at_work()
     sharing = band.fleet("f/r2").sharing
     assert sharing is not None
     band.mesh.run(30.0)
     held = set(sharing.mine)
     assert held
-    if what == "the robot agent":
-        band.kill_puppet("f/r2")
-    else:
-        band.puppet("f/r2").dumb = True
+    band.puppet("f/r2").dumb = True
     band.mesh.run(38.0)
     assert not sharing.mine
+    assert band.run(400.0)
+    assert once(band, 9)
+    assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
+
+
+def test_the_tasks_of_a_robot_without_a_robot_agent_are_done_by_the_others() -> None:
+    """Its fleet agent lives, and reaches no other robot."""
+    band = at_work()
+    sharing = band.fleet("f/r2").sharing
+    assert sharing is not None
+    band.mesh.run(30.0)
+    held = set(sharing.mine)
+    assert held
+    band.kill_puppet("f/r2")
     assert band.run(400.0)
     assert once(band, 9)
     assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())

@@ -18,8 +18,7 @@ from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import Description, Message, Pose, Truth
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.ports import free_port, private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.mesh.ports import free_port
 from armadico.observe.view import View
 from armadico.runtime.client import Client
 from tests.live.society import mesh_of
@@ -56,10 +55,7 @@ def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str)
 
 
 @pytest.mark.live
-def test_live_it_does_so_over_tcp_and_over_a_serial_line_at_once(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+def test_live_it_does_so_over_tcp_and_over_a_serial_line_at_once(tmp_path: Path) -> None:
     lines = {
         "unkind-tcp": ("--port", str(free_port())),
         "unkind-pty": ("--pty", str(tmp_path / "robot")),

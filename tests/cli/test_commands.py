@@ -93,7 +93,7 @@ def test_the_list_of_agents_for_programs_says_where_they_come_from() -> None:
         (("armadico-agent", "encoder", "--config", "/no/such.toml"), "/no/such.toml"),
         (("armadico-agent", "encoder", "--host", "nowhere"), "nowhere"),
         (("armadico-agent", "encoder", "--hosts", "/no/hosts.toml"), "/no/hosts.toml"),
-        (("armadico", "ps", "--connect", "7450"), "tcp/192.168.1.5:7450"),
+        (("armadico", "ps", "--connect", "7447"), "tcp/192.168.1.5:7447"),
         (("armadico", "ps", "--namespace", "a*"), "namespace"),
         (("armadico", "goto", "1"), "Y"),
         (("armadico", "goto", "1", "2", "3", "--timeout", "0"), "expected seconds, more than 0"),

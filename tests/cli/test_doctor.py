@@ -30,8 +30,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.observe.standing import standing
 from armadico.observe.view import View
 
@@ -66,9 +65,7 @@ def test_the_clock_of_a_host_that_does_not_answer_is_not_known() -> None:
 
 def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
     table = tmp_path / "hosts.toml"
-    table.write_text(
-        "".join(f'[lab{n}]\nendpoints = ["udp/127.0.0.1:{7500 + n}"]\n' for n in (1, 2))
-    )
+    table.write_text('[lab1]\nrouter = "udp/127.0.0.1:7501"\n[lab2]\naddress = "127.0.0.2"\n')
     args = argparse.Namespace(host=None, hosts=str(table))
     assert returned(doctor.hosts(args)) == {"lab1", "lab2"}
     args.hosts = None
@@ -212,29 +209,41 @@ def test_top_says_why_a_mission_is_not_driven() -> None:
     assert "driving, waits: door D is shut" in top._heading(snapshot)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        'router = "tcp/127.0.0.1:1"\n[lab1]\nagents = ["goto"]\n',
-        'multicast = true\n[lab1]\nendpoints = ["tcp/0.0.0.0:7447"]\n',
-    ],
-)
-def test_a_host_without_an_address_in_the_table_is_not_looked_for(
-    tmp_path: Path, text: str
-) -> None:
+def test_a_host_without_a_router_in_the_table_is_not_looked_for(tmp_path: Path) -> None:
     table = tmp_path / "hosts.toml"
-    table.write_text(text)
+    table.write_text('[lab1]\nagents = ["goto"]\n')
     args = argparse.Namespace(host=None, hosts=str(table))
     (finding,) = doctor.hosts(args)
     assert (finding.subject, finding.verdict) == ("host lab1", "ok")
-    assert "no address" in finding.what
+
+
+def test_a_folder_for_sockets_that_others_can_write_to_is_wrong(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
+    (tmp_path / "armadico").mkdir()
+    (tmp_path / "armadico").chmod(0o777)
+    (finding,) = doctor.router(argparse.Namespace(namespace="doctor-test"))
+    assert (finding.subject, finding.verdict) == ("socket", "wrong")
+    assert "chmod 700" in finding.what
 
 
 @pytest.mark.live
-def test_clocks_are_among_the_findings(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_where_no_socket_can_be_made_that_is_found_and_the_rest_as_well(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    folder = tmp_path / ("x" * 100)
+    folder.mkdir()
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(folder))
+    assert armadico(["doctor", "--json", "--namespace", "doctor-test"]) == 1
+    findings = {f["subject"]: f for f in json.loads(capsys.readouterr().out)}
+    assert findings["socket"]["verdict"] == "wrong"
+    assert "too long" in findings["socket"]["what"]
+    assert {"mesh", "clocks", "graphics"} <= set(findings)
+
+
+@pytest.mark.live
+def test_clocks_are_among_the_findings(capsys: pytest.CaptureFixture[str]) -> None:
     armadico(["doctor", "--json", "--namespace", "doctor-test"])
     findings = {f["subject"]: f for f in json.loads(capsys.readouterr().out)}
     assert findings["clocks"]["verdict"] == "ok"

@@ -27,8 +27,7 @@ from armadico.core.messages import (
     Truth,
     decode,
 )
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
 from tests.programs import BIN, Done, Start, call, starter
@@ -40,15 +39,14 @@ SOON = 30.0
 Run = Callable[..., Done]
 
 
-def apart() -> dict[str, str]:
-    """An environment with endpoints that nobody else has."""
-    return os.environ | {ENDPOINTS_VARIABLE: private_endpoints(2), "ARMADICO_NAMESPACE": "cli-test"}
+def named(namespace: str) -> dict[str, str]:
+    """The environment of processes of one robot."""
+    return os.environ | {"ARMADICO_NAMESPACE": namespace}
 
 
 @pytest.fixture
 def environment() -> dict[str, str]:
-    """Endpoints and a namespace of this test's own."""
-    return apart()
+    return named("cli-test")
 
 
 @pytest.fixture
@@ -60,6 +58,13 @@ def run(environment: dict[str, str]) -> Run:
 def start(environment: dict[str, str]) -> Iterator[Start]:
     with starter(env=environment, stderr=subprocess.DEVNULL) as begin:
         yield begin
+
+
+@contextmanager
+def joined(environment: dict[str, str], *, router: bool = False) -> Iterator[ZenohMesh]:
+    """A session on the mesh of the processes that have this environment."""
+    with ZenohMesh(environment["ARMADICO_NAMESPACE"], topology(router=router)) as mesh:
+        yield mesh
 
 
 def agents(done: Done) -> list[dict[str, Any]]:
@@ -90,10 +95,19 @@ def simulated(start: Start) -> None:
     start("robot", "--set", f"port={where}", program="armadico-agent")
 
 
-def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: Start) -> None:
-    nobody = run("ps", "--json")
-    assert agents(nobody) == []
-    assert nobody.returncode == 1
+@pytest.fixture
+def router(environment: dict[str, str]) -> Iterator[ZenohMesh]:
+    """The router of a society without a robot, which its robot agent would be."""
+    with joined(environment, router=True) as mesh:
+        yield mesh
+
+
+def test_ps_shows_who_is_there_and_marks_who_does_not_answer(
+    run: Run, start: Start, router: ZenohMesh
+) -> None:
+    none = run("ps", "--json")
+    assert agents(none) == []
+    assert none.returncode == 1
     process = start("encoder", program="armadico-agent")
     row = who(run, "encoder")["encoder"]
     assert row["pid"] == process.pid
@@ -107,7 +121,7 @@ def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: St
 
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_an_agent_whose_imports_start_threads_leaves_in_order(
-    run: Run, start: Start, ending: signal.Signals
+    run: Run, start: Start, router: ZenohMesh, ending: signal.Signals
 ) -> None:
     process = start("path-planning", program="armadico-agent")  # it imports numpy
     who(run, "path-planning")
@@ -115,7 +129,7 @@ def test_an_agent_whose_imports_start_threads_leaves_in_order(
     assert process.wait(SOON) == 0
 
 
-def test_without_a_robot_stop_and_resume_say_so(run: Run) -> None:
+def test_without_a_robot_stop_and_resume_say_so(run: Run, router: ZenohMesh) -> None:
     for command in ("stop", "resume"):
         done = run(command, "--timeout", "0.3")
         assert done.returncode == 1
@@ -178,18 +192,10 @@ def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
     assert [row["name"] for row in agents(run("ps", "--json"))] == ["robot"], "it has left"
 
 
-@contextmanager
-def guest(environment: dict[str, str]) -> Iterator[ZenohMesh]:
-    """Somebody on the same mesh."""
-    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
-    with ZenohMesh("cli-test", where) as mesh:
-        yield mesh
-
-
 @pytest.fixture(scope="module")
 def whole() -> Iterator[dict[str, str]]:
     """A society that is up for the tests of this file that leave it as it was: its environment."""
-    environment = apart()
+    environment = named("cli-test-whole")
     with starter(env=environment, stderr=subprocess.DEVNULL) as begin:
         simulated(begin)
         for name in ("encoder", "sonar", "goto", "interface"):
@@ -209,12 +215,11 @@ def say_states(mesh: ZenohMesh, stop: Callable[[int], Stop], over: threading.Eve
 
 
 def test_a_stop_that_is_sent_and_never_acknowledged_is_not_said_to_be_done(
-    run: Run, environment: dict[str, str]
+    run: Run, router: ZenohMesh
 ) -> None:
     heard: list[Stop] = []
-    with guest(environment) as mesh:
-        mesh.subscribe("robot/stop", lambda _key, data: heard.append(decode(data, Stop)))
-        done = run("stop", "--timeout", "2")
+    router.subscribe("robot/stop", lambda _key, data: heard.append(decode(data, Stop)))
+    done = run("stop", "--timeout", "2")
     assert done.returncode == 1
     assert "the stop was sent, not acknowledged" in done.stderr
     assert "Traceback" not in done.stderr
@@ -237,20 +242,19 @@ def test_a_stop_that_is_sent_and_never_acknowledged_is_not_said_to_be_done(
 )
 def test_stopped_is_said_if_the_robot_agent_goes_on_saying_so(
     run: Run,
-    environment: dict[str, str],
+    router: ZenohMesh,
     says: Callable[[int], Stop],
     code: int,
     told: str,
 ) -> None:
     over = threading.Event()
-    with guest(environment) as mesh:
-        thread = threading.Thread(target=say_states, args=(mesh, says, over))
-        thread.start()
-        try:
-            done = run("stop", "--timeout", "3")
-        finally:
-            over.set()
-            thread.join()
+    thread = threading.Thread(target=say_states, args=(router, says, over))
+    thread.start()
+    try:
+        done = run("stop", "--timeout", "3")
+    finally:
+        over.set()
+        thread.join()
     assert done.returncode == code, done.stderr
     assert told in done.stdout + done.stderr
     assert "Traceback" not in done.stderr
@@ -267,7 +271,7 @@ def test_stopped_is_said_if_the_robot_agent_goes_on_saying_so(
 def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
     whole: dict[str, str], words: tuple[str, ...], code: int, told: str
 ) -> None:
-    with guest(whole) as mesh:
+    with joined(whole) as mesh:
         client = Client(mesh)
         moved: list[Truth] = []
 
@@ -296,13 +300,13 @@ def test_a_goal_is_reached(whole: dict[str, str]) -> None:
     assert "the goal is reached" in done.stdout
 
 
-def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run) -> None:
+def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run, router: ZenohMesh) -> None:
     done = run("goto", "1", "2", "90")
     assert done.returncode == 1
     assert "no agent that takes missions" in done.stderr
 
 
-def test_a_mission_that_is_refused_says_why(run: Run, start: Start) -> None:
+def test_a_mission_that_is_refused_says_why(run: Run, start: Start, router: ZenohMesh) -> None:
     start("interface", program="armadico-agent")
     who(run, "interface")
     done = run("goto", "1", "2", "90", "--direct")
@@ -313,7 +317,7 @@ def test_a_mission_that_is_refused_says_why(run: Run, start: Start) -> None:
 
 
 def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
-    run: Run, start: Start, environment: dict[str, str]
+    run: Run, start: Start, router: ZenohMesh
 ) -> None:
     start("interface", program="armadico-agent")
     # Nobody will ever say where the robot is; that is not waited for.
@@ -322,9 +326,8 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     who(run, "interface", "mission-planning")
     assert run("mission", "status").stdout == "no missions\n"
     rows = 'steps = [{ do = "take-photo", else = [{ do = "wait", seconds = 600 }] }]'
-    with guest(environment) as mesh:
-        order = MissionOrder("long", zlib.compress(rows.encode()), 0.7, "a test")
-        reply = Client(mesh).ask(order, SOON)
+    order = MissionOrder("long", zlib.compress(rows.encode()), 0.7, "a test")
+    reply = Client(router).ask(order, SOON)
     assert isinstance(reply, MissionReply)
     assert reply.refusal == ""
     done = run("mission", "status")
@@ -357,10 +360,8 @@ def test_a_terminal_that_is_killed_leaves_a_robot_that_stands(
     keyboard, terminal = pty.openpty()
     os.set_blocking(keyboard, False)
     command = [str(BIN / "armadico"), "teleop"]
-    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
-    mesh = ZenohMesh("cli-test", where)
     with (
-        mesh,
+        joined(environment) as mesh,
         subprocess.Popen(
             command, env=environment, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE
         ) as process,

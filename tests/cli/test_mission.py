@@ -11,6 +11,8 @@ import pytest
 from armadico import cli
 from armadico.cli import mission, options
 from armadico.core.messages import Board
+from armadico.mesh.topology import topology
+from armadico.mesh.zenoh import ZenohMesh
 from tests.programs import call, heavy, imports_nothing
 
 BRIEF = """
@@ -113,12 +115,13 @@ def test_a_wrong_use_is_told_clearly(
     assert "Traceback" not in done.stderr
 
 
-def test_where_no_society_is_up_that_is_said() -> None:
-    for words in (("status",), ("log",), ("log", "m"), ("cancel", "m"), ("cancel", "--all")):
-        done = call("mission", *words, "--namespace", "nobody-here")
-        assert done.returncode == 1, done.stderr
-        assert "alive" in done.stderr
-        assert "'nobody-here'" in done.stderr
+def test_where_no_agent_has_missions_that_is_said() -> None:
+    with ZenohMesh("mission-test", topology(router=True)):
+        for words in (("status",), ("log",), ("log", "m"), ("cancel", "m"), ("cancel", "--all")):
+            done = call("mission", *words, "--namespace", "mission-test")
+            assert done.returncode == 1, done.stderr
+            assert "alive" in done.stderr
+            assert "'mission-test'" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -139,7 +142,7 @@ def test_alarms_that_are_remembered_are_told_apart_from_missions(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(options, "join", lambda _: nullcontext())
+    monkeypatch.setattr(options, "joined", lambda _: nullcontext())
     monkeypatch.setattr(mission, "_client", lambda _: None)
     monkeypatch.setattr(mission, "_board", lambda _: board)
     assert cli.main(["mission", "alarms"]) == 0

@@ -16,17 +16,9 @@ import pytest
 from armadico.cli import main as armadico
 from armadico.cli.beside import Helpers, beside
 from armadico.cli.page import TOKEN_VARIABLE
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.programs import heavy, imports_nothing, starter
 
 LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?\n")
-
-
-@pytest.fixture(autouse=True)
-def apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A mesh of this test's own."""
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
@@ -94,6 +86,7 @@ def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=60)
         assert process.returncode == 0, errors
+        assert "no robot agent" not in errors, "it was being started"
         with pytest.raises(urllib.error.URLError):
             read(link)
 

@@ -12,18 +12,25 @@ import pytest
 from armadico.cli import down, main, options
 from armadico.cli.agent import main as armadico_agent
 from armadico.cli.options import HOSTS_VARIABLE
+from armadico.cli.places import Place
 from armadico.config.errors import ConfigError
 from armadico.launch.pidfile import PidFile, Share
+from armadico.mesh.topology import Topology
 
-TABLE = """\
+ROBOTS = "tcp/203.0.113.1:7447"
+
+TABLE = f"""\
 [robot]
-endpoints = ["tcp/192.0.2.1:7447"]
+router = "{ROBOTS}"
 agents = ["robot"]
 
 [lab1]
-endpoints = ["tcp/127.0.0.21:7447", "tcp/127.0.0.21:7448"]
+address = "127.0.0.21"
 agents = ["goto"]
 """
+
+DESK = '[desk]\nagents = ["avoid"]\n'
+"""A host of which the table does not say where it is: behind NAT, for example."""
 
 Captured = pytest.CaptureFixture[str]
 
@@ -38,8 +45,15 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def args(**given: Any) -> argparse.Namespace:
     """Options, of which only these are given."""
-    bare = {"host": None, "hosts": None, "connect": [], "listen": [], "namespace": "places"}
+    bare = {"host": None, "hosts": None, "connect": [], "namespace": "places"}
     return argparse.Namespace(**bare | given)
+
+
+def found(**given: Any) -> Place:
+    """The place of an agent with these options."""
+    where = options.placed(args(**given), passing=False)
+    assert where is not None
+    return where
 
 
 def test_without_a_table_there_is_no_place() -> None:
@@ -47,18 +61,61 @@ def test_without_a_table_there_is_no_place() -> None:
     assert options.placed(args(connect=["tcp/127.0.0.1:1"])) is None
 
 
-def test_a_host_alone_is_the_shipped_tables() -> None:
-    where = options.placed(args(host="localhost"), passing=False)
-    assert where is not None
+def test_a_host_alone_is_the_shipped_tables_which_opens_no_port() -> None:
+    where = found(host="localhost")
     assert where.name == "localhost"
-    assert len(where.endpoints) == 4
+    assert where.topology(router=True) == Topology(router=True)
+    assert where.topology() == Topology()
 
 
-def test_this_machine_is_found_by_its_addresses(table: Path) -> None:
-    where = options.placed(args(hosts=table), passing=False)
+def test_this_machine_is_found_by_its_address(table: Path) -> None:
+    assert found(hosts=table).name == "lab1"
+
+
+def test_a_machine_with_no_address_of_the_table_is_the_one_host_that_has_none(table: Path) -> None:
+    elsewhere = TABLE.replace("127.0.0.21", "203.0.113.2")
+    table.write_text(elsewhere + DESK)
+    assert found(hosts=table).name == "desk"
+    table.write_text(TABLE + DESK)
+    assert found(hosts=table).name == "lab1", "its address says so"
+    table.write_text(elsewhere + DESK + DESK.replace("desk", "other"))
+    with pytest.raises(ConfigError, match=r"more than one host is .*: desk, other"):
+        found(hosts=table)
+    assert found(hosts=table, host="other").name == "other"
+
+
+def test_other_hosts_connect_to_the_robots_router_and_open_no_port(table: Path) -> None:
+    table.write_text(TABLE.replace("203.0.113.1", "127.0.0.22") + DESK)
+    robot, lab1, desk = (found(hosts=table, host=name) for name in ("robot", "lab1", "desk"))
+    robots = ("tcp/127.0.0.22:7447",)
+    assert robot.topology(router=True) == Topology(router=True, listen=robots)
+    assert robot.topology() == Topology(connect=robots), "the socket comes first"
+    assert lab1.topology() == Topology(connect=robots, socket=False)
+    assert desk.topology() == Topology(connect=robots, socket=False)
+
+
+def test_a_machine_that_is_in_no_table_reaches_the_robots_router(table: Path) -> None:
+    table.write_text(TABLE.replace("127.0.0.21", "203.0.113.2"))
+    where = options.placed(args(hosts=table))
     assert where is not None
-    assert where.name == "lab1"
-    assert where.endpoints == ("tcp/127.0.0.21:7447", "tcp/127.0.0.21:7448")
+    assert where.topology() == Topology(connect=(ROBOTS,))
+
+
+def test_what_is_asked_to_be_connected_to_is_the_only_router_that_is_tried(table: Path) -> None:
+    where = found(hosts=table)
+    assert where.topology(connect=[ROBOTS]) == Topology(connect=(ROBOTS,), socket=False)
+
+
+FLEET = [f"tcp/127.0.0.{number}:7447" for number in (31, 32, 33)]
+
+
+@pytest.mark.parametrize("own", [*FLEET, None])
+def test_a_robot_knows_the_routers_of_all_others_of_its_fleet(table: Path, own: str | None) -> None:
+    router = "" if own is None else f'router = "{own}"\n'
+    table.write_text(f'fleet = {FLEET}\n[robot]\n{router}agents = ["robot"]\n')
+    where = found(hosts=table)
+    assert where.topology(router=True).fleet == tuple(each for each in FLEET if each != own)
+    assert where.topology().fleet == (), "others have nothing to do with it"
 
 
 def test_the_environment_names_a_table_unless_the_command_line_says_where_to_look(
@@ -66,8 +123,7 @@ def test_the_environment_names_a_table_unless_the_command_line_says_where_to_loo
 ) -> None:
     monkeypatch.setenv(HOSTS_VARIABLE, str(table))
     assert options.placed(args()) is not None
-    assert options.placed(args(connect=["tcp/10.0.0.9:7450"])) is None
-    assert options.placed(args(listen=["tcp/127.0.0.1:7999"])) is None
+    assert options.placed(args(connect=["tcp/10.0.0.9:7447"])) is None
     with pytest.raises(ConfigError, match=r"no host 'localhost'; .*known: lab1, robot"):
         options.placed(args(host="localhost"))
     monkeypatch.setenv(HOSTS_VARIABLE, "elsewhere.toml")
@@ -78,7 +134,7 @@ def test_the_environment_names_a_table_unless_the_command_line_says_where_to_loo
     ("text", "what"),
     [
         (TABLE.partition("[lab1]")[0], "none of its hosts is this machine; expected --host, one"),
-        (TABLE.replace("192.0.2.1", "127.0.0.22"), "more than one host is this machine"),
+        (TABLE.replace("203.0.113.1", "127.0.0.22"), "more than one host is this machine"),
     ],
 )
 def test_an_agent_must_know_where_it_is_a_tool_need_not(table: Path, text: str, what: str) -> None:
@@ -94,15 +150,11 @@ def test_an_agent_must_know_where_it_is_a_tool_need_not(table: Path, text: str, 
         (("--host", "lab"), ("no host 'lab'; did you mean 'lab1'?",)),
         (
             ("--host", "robot"),
-            ("'robot' is not this machine: 192.0.2.1 is no address", "this machine is 'lab1'"),
-        ),
-        (
-            ("--host", "lab1", "--listen", "tcp/127.0.0.1:7447"),
-            ("--listen tcp/127.0.0.1:7447 contradicts", "lab1's endpoints are tcp/127.0.0.21:7447"),
+            ("'robot' is not this machine: 203.0.113.1 is no address", "this machine is 'lab1'"),
         ),
         (
             ("--connect", "tcp/10.0.0.9:7447"),
-            ("--connect tcp/10.0.0.9:7447 contradicts", "it has tcp/192.0.2.1:7447"),
+            ("--connect tcp/10.0.0.9:7447 contradicts", f"whose robot is at {ROBOTS}"),
         ),
     ],
 )
@@ -123,8 +175,7 @@ def test_what_contradicts_is_said_with_what_is_right(
     ("words", "says"),
     [
         (("--host", "lab"), "no host 'lab'; did you mean 'lab1'?"),
-        (("--connect", "tcp/10.0.0.9:7447"), "it has tcp/192.0.2.1:7447"),
-        (("--listen", "tcp/127.0.0.1:7447"), "lab1's endpoints are tcp/127.0.0.21:7447"),
+        (("--connect", "tcp/10.0.0.9:7447"), f"whose robot is at {ROBOTS}"),
     ],
 )
 def test_ps_looks_at_any_host_of_the_table_and_contradicts_it_no_more(
@@ -164,7 +215,7 @@ def test_an_agent_of_the_table_that_is_not_installed_is_named_with_the_table(
 
 
 def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> None:
-    table.write_text(TABLE.replace("192.0.2.1", "robot.invalid"))
+    table.write_text(TABLE.replace("203.0.113.1", "robot.invalid"))
     with pytest.raises(ConfigError, match=r"the name robot\.invalid is not known here"):
         options.placed(args(hosts=table, host="robot"))
 

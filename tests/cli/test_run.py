@@ -10,8 +10,6 @@ import pytest
 
 from armadico import cli
 from armadico.config.shipped import resource_path
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.programs import call, starter
 
 CLOSED = """\
@@ -128,7 +126,7 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
         (("sc1", "--robot", "tcpp://here"), ("'tcpp://here'", "serial:///dev/ttyUSB0", "tcp://")),
         (("sc1", "--robot", "/dev/ttyUSB0"), ("'/dev/ttyUSB0'", "serial:///dev/ttyUSB0")),
         (("sc1", "--namespace", "a*"), ("'a*'", "namespace")),
-        (("sc1", "--connect", "7450"), ("'7450'", "tcp/192.168.1.5:7450")),
+        (("sc1", "--connect", "7447"), ("'7447'", "tcp/192.168.1.5:7447")),
     ],
 )
 def test_a_wrong_use_is_told_with_what_is_right_and_exit_code_2(
@@ -340,8 +338,7 @@ def test_a_map_without_a_wall_is_named(capsys: Captured, world: str, warned: boo
 
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A mesh of the test's own."""
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    """A robot and a folder for logs of the test's own."""
     monkeypatch.setenv("ARMADICO_NAMESPACE", "run-test")
     monkeypatch.setenv("TMPDIR", str(tmp_path))
 

@@ -30,8 +30,8 @@ from armadico.bridge.simulator.ros2_robot import IDLE_S as WANTS_NOTHING_S
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.scenarios import load_scenario
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.mesh.topology import NAMESPACE_VARIABLE, topology
+from armadico.mesh.zenoh import ZenohMesh
 from tests.bridge.ros2.robot import JACKAL
 from tests.programs import call, starter
 
@@ -416,11 +416,14 @@ def test_the_command_says_where_it_listens_and_answers_there() -> None:
 
 
 @pytest.mark.live
-def test_the_truth_is_heard_where_there_is_nobody_else_and_two_simulators_are_named() -> None:
-    """Neither `sim` nor `echo` is an agent, and they meet all the same."""
-    alone = os.environ | {ENDPOINTS_VARIABLE: private_endpoints()}
-    with starter(env=alone) as start:
+def test_the_truth_is_published_once_there_is_a_robot_and_two_simulators_are_named() -> None:
+    """A simulator does without a mesh until then."""
+    alone = os.environ | {NAMESPACE_VARIABLE: "sim-test"}
+    with starter(env=alone) as start, ExitStack() as stack:
         first = start("sim", "sc1", "--port", "0")
+        assert first.stdout is not None
+        assert "at tcp://127.0.0.1:" in first.stdout.readline()
+        stack.enter_context(ZenohMesh("sim-test", topology(router=True)))
         echo = call("echo", "sim/truth", "-n", "1", "--json", "--timeout", str(SOON), env=alone)
         assert echo.returncode == 0, echo.stderr
         name = json.loads(echo.stdout)["message"]["simulator"]

@@ -39,8 +39,8 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.services import BIDS, CARD
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.sockets import socket_of
+from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.observe.view import View
 from armadico.observe.watching import Heard, Watcher
@@ -117,7 +117,6 @@ class Society:
 @pytest.fixture
 def environment() -> dict[str, str]:
     return os.environ | {
-        ENDPOINTS_VARIABLE: private_endpoints(2),
         "ARMADICO_NAMESPACE": NAMESPACE,
         "COLUMNS": "100",
         "LINES": "40",
@@ -126,9 +125,15 @@ def environment() -> dict[str, str]:
 
 
 @pytest.fixture
-def society(environment: dict[str, str]) -> Iterator[Society]:
-    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
-    with ZenohMesh(NAMESPACE, where) as mesh, Society(mesh) as played:
+def router() -> Iterator[ZenohMesh]:
+    """The router that a robot agent would be."""
+    with ZenohMesh(NAMESPACE, topology(router=True)) as mesh:
+        yield mesh
+
+
+@pytest.fixture
+def society(router: ZenohMesh) -> Iterator[Society]:
+    with Society(router) as played:
         yield played
 
 
@@ -280,7 +285,8 @@ def test_what_comes_while_top_looks_is_no_silence(monkeypatch: pytest.MonkeyPatc
     assert view.rates["encoder/pose"].count == 9
 
 
-def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society: Society) -> None:
+def on_a_terminal(environment: dict[str, str], until: bytes) -> bytes:
+    """What `armadico top` shows until it has shown that, and Ctrl-C has ended it."""
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
         [str(BIN / "armadico"), "top"], env=environment, stdin=theirs, stdout=theirs, stderr=theirs
@@ -288,7 +294,7 @@ def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society
     os.close(theirs)
     seen = b""
     try:
-        while b"goto-00000000" not in seen:
+        while until not in seen:
             chunk = os.read(ours, 4096)
             assert chunk, seen
             seen += chunk
@@ -301,6 +307,11 @@ def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society
         process.kill()
         process.wait()
         os.close(ours)
+    return seen
+
+
+def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society: Society) -> None:
+    assert b"goto-00000000" in on_a_terminal(environment, b"goto-00000000")
 
 
 def test_graph_draws_agents_and_keys(run: Run, society: Society) -> None:
@@ -348,22 +359,27 @@ def test_logs_of_the_newest_run_say_which_run_that_was(
 def test_doctor_finds_the_society(run: Run, society: Society) -> None:
     findings = {f["subject"]: f for f in json.loads(run("doctor", "--json").stdout)}
     assert findings["mesh"]["what"].startswith("1 agents")
-    assert {"python", "packages", "port 7450", "port 8101", "serial", "graphics"} <= set(findings)
+    assert {"python", "packages", "socket", "port 8101", "serial", "graphics"} <= set(findings)
+    assert findings["socket"]["verdict"] == "ok"
+    assert f"(pid {os.getpid()})" in findings["socket"]["what"], "the router's process is named"
+    assert {"ports", "multicast"}.isdisjoint(findings)
 
 
-def test_doctor_says_which_host_does_not_answer(run: Run, tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as here, socket.socket() as gone:
-        gone.bind(("127.0.0.1", 0))
-        ports = here.getsockname()[1], gone.getsockname()[1]
-        table = tmp_path / "hosts.toml"
+@pytest.mark.parametrize(("answers", "verdict"), [(True, "ok"), (False, "wrong")])
+def test_doctor_says_whether_the_robots_router_answers(
+    tmp_path: Path, answers: bool, verdict: str
+) -> None:
+    table = tmp_path / "hosts.toml"
+    with socket.socket() as place:
+        place.bind(("127.0.0.1", 0))
+        if answers:
+            place.listen()
+        port = place.getsockname()[1]
         table.write_text(
-            "\n".join(
-                f'[{name}]\nendpoints = ["tcp/127.0.0.1:{port}"]'
-                for name, port in zip(("here", "gone"), ports, strict=True)
-            )
+            f'[robot]\nrouter = "tcp/127.0.0.1:{port}"\n[lab1]\naddress = "203.0.113.1"\n'
         )
         hosts = doctor.hosts(argparse.Namespace(host=None, hosts=str(table)))
-        assert {f.subject: f.verdict for f in hosts} == {"host here": "ok", "host gone": "wrong"}
+        assert {f.subject: f.verdict for f in hosts} == {"host robot": verdict, "host lab1": "ok"}
 
 
 def test_doctor_says_what_to_do_about_a_port_that_is_locked(tmp_path: Path) -> None:
@@ -470,10 +486,9 @@ class Hostile:
     ],
 )
 def test_what_others_say_is_neither_markup_nor_does_it_control_the_terminal(
-    run: Run, environment: dict[str, str], command: tuple[str, ...], shows: str
+    run: Run, router: ZenohMesh, command: tuple[str, ...], shows: str
 ) -> None:
-    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
-    with ZenohMesh(NAMESPACE, where) as mesh, Hostile(mesh):
+    with Hostile(router):
         done = run(*command)
     said = done.stdout + done.stderr
     assert "Traceback" not in said
@@ -482,29 +497,11 @@ def test_what_others_say_is_neither_markup_nor_does_it_control_the_terminal(
     assert not unprintable
 
 
-def test_a_hostile_name_does_not_end_the_live_view(environment: dict[str, str]) -> None:
-    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
-    ours, theirs = pty.openpty()
-    with ZenohMesh(NAMESPACE, where) as mesh, Hostile(mesh):
-        process = subprocess.Popen(
-            [str(BIN / "armadico"), "top"],
-            env=environment,
-            stdin=theirs,
-            stdout=theirs,
-            stderr=theirs,
-        )
-        os.close(theirs)
-        seen = b""
-        try:
-            while b"[/nope]" not in seen:
-                chunk = os.read(ours, 4096)
-                assert chunk, seen
-                seen += chunk
-            assert process.poll() is None
-        finally:
-            process.kill()
-            process.wait()
-            os.close(ours)
+def test_a_hostile_name_does_not_end_the_live_view(
+    environment: dict[str, str], router: ZenohMesh
+) -> None:
+    with Hostile(router):
+        seen = on_a_terminal(environment, b"[/nope]")
     assert CLEAR.encode() not in seen.partition(b"[/nope]")[0][-200:]
 
 
@@ -519,12 +516,7 @@ def test_a_hostile_name_does_not_end_the_live_view(environment: dict[str, str]) 
         (("echo", "**/**"), 2, "no key expression"),
         (("echo", "robot/state", "--namespace", "a*"), 2, "namespace"),
         (("echo", "robot/state", "-n", "0"), 2, "from 1"),
-        (("echo", "robot/state", "--timeout", "0.3"), 1, "nothing is published on robot/state"),
-        (("hz", "robot/state", "--timeout", "0.3"), 1, "nothing is published on robot/state"),
         (("hz", "robot/state", "--json"), 2, "-n N"),
-        (("top", "--once", "--for", "0.5"), 1, "no agent is alive"),
-        (("graph",), 1, "no agent is alive"),
-        (("why", "--live", "--for", "0.5"), 1, "no agent is alive"),
         (("logs", "-f", "--folder", "x"), 2, "--folder"),
         (("logs", "--folder", "/no/such"), 2, "no such folder"),
         (("record", "run.bag"), 2, ".mcap"),
@@ -542,6 +534,114 @@ def test_a_wrong_use_is_told_clearly(
     assert done.returncode == code, done.stderr
     assert says in done.stderr
     assert "Traceback" not in done.stderr
+
+
+ABSENT = {
+    ("echo", "robot/state", "--timeout", "0.3"): "nothing is published on robot/state",
+    ("hz", "robot/state", "--timeout", "0.3"): "nothing is published on robot/state",
+    ("top", "--once", "--for", "0.5"): "no agent is alive",
+    ("graph",): "no agent is alive",
+    ("why", "--live", "--for", "0.5"): "no agent is alive",
+    ("get", "goto"): "no agent 'goto' is alive",
+}
+"""Commands that are soon done, and what is missing where there is a router and no agent."""
+
+
+@pytest.mark.parametrize("command", ABSENT)
+def test_an_agent_that_is_missing_is_named(
+    run: Run, router: ZenohMesh, command: tuple[str, ...]
+) -> None:
+    done = run(*command)
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert ABSENT[command] in line
+
+
+ONCE = (
+    *ABSENT,
+    ("ps",),
+    ("stop", "--timeout", "0.3"),
+    ("resume", "--timeout", "0.3"),
+    ("goto", "1", "2"),
+    ("set", "goto", "v_max=0.4"),
+    ("map", "save", "no.yaml"),
+    ("mission", "status"),
+    ("mission", "log"),
+    ("mission", "cancel", "--all"),
+)
+"""Commands that are soon done."""
+
+
+@pytest.mark.parametrize("command", ONCE)
+def test_without_a_robot_agent_one_line_says_so(run: Run, command: tuple[str, ...]) -> None:
+    done = run(*command)
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert "no robot agent at " in line
+    assert f"/{NAMESPACE}.sock" in line
+    assert "`armadico up`" in line
+    assert done.stdout == ""
+
+
+def test_a_stop_is_tried_for_as_long_as_it_may_take(run: Run) -> None:
+    missing, last = run("stop", "--timeout", "2.5").stderr.splitlines()
+    assert "no robot agent at " in missing
+    assert "could not be sent" in last
+
+
+def test_ps_lists_nothing_for_programs_where_there_is_no_robot_agent(run: Run) -> None:
+    done = run("ps", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["agents"] == []
+    assert "no robot agent at " in done.stderr
+
+
+def test_a_command_waits_for_the_robot_agent_and_goes_on_when_it_comes(
+    environment: dict[str, str],
+) -> None:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    command = [str(BIN / "armadico"), "echo", "robot/state", "-n", "1", "--json"]
+    with subprocess.Popen(command, env=environment, **pipes) as process:
+        try:
+            assert "no robot agent at " in process.stderr.readline()
+            with ZenohMesh(NAMESPACE, topology(router=True)) as mesh, Society(mesh):
+                assert json.loads(process.stdout.readline())["key"] == "robot/state"
+                assert process.wait(SOON) == 0
+            assert process.stderr.read() == ""
+        finally:
+            process.kill()
+
+
+def test_a_live_view_says_that_there_is_no_robot_agent(environment: dict[str, str]) -> None:
+    assert b"no robot agent at " in on_a_terminal(environment, b"no robot agent at ")
+
+
+@pytest.fixture
+def hung() -> Iterator[Path]:
+    """The socket of a router that hangs: connections are accepted, and nothing else happens."""
+    path = socket_of(NAMESPACE)
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
+        server.listen()
+        yield path
+    path.unlink()
+
+
+@pytest.mark.parametrize("command", [("ps",), ("graph",), ("stop", "--timeout", "0.3")])
+def test_a_robot_agent_that_hangs_is_not_waited_for_forever(
+    run: Run, hung: Path, command: tuple[str, ...]
+) -> None:
+    done = run(*command)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert f"the router at {hung} does not answer" in line
+
+
+def test_doctor_finds_a_robot_agent_that_hangs(run: Run, hung: Path) -> None:
+    findings = {f["subject"]: f for f in json.loads(run("doctor", "--json").stdout)}
+    assert f"(pid {os.getpid()})" in findings["socket"]["what"]
+    assert findings["mesh"]["verdict"] == "wrong"
+    assert "does not answer" in findings["mesh"]["what"]
 
 
 @pytest.mark.parametrize(

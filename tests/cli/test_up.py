@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from math import pi
 from pathlib import Path
 
@@ -14,13 +15,12 @@ from armadico.config.hosts import HOSTS_VARIABLE
 from armadico.config.needs import minimum, tasks
 from armadico.config.scenarios import society
 from armadico.launch.supervisor import Plan
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.programs import starter
 
 
 @pytest.fixture(autouse=True)
 def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(HOSTS_VARIABLE, raising=False)
-    monkeypatch.delenv(ENDPOINTS_VARIABLE, raising=False)
 
 
 def plan(*words: str) -> Plan:
@@ -105,3 +105,19 @@ def test_an_agent_of_the_table_that_is_not_installed_is_said_with_its_line(tmp_p
     table.write_text('[lab1]\nagents = [\n  "goto",\n  "avodi",\n]\n', encoding="utf-8")
     with pytest.raises(ConfigError, match=r"lab\.toml:4: lab1\.agents: .* did you mean 'avoid'"):
         plan("--hosts", str(table), "--host", "lab1")
+
+
+@pytest.mark.live
+def test_a_host_without_the_robot_agent_says_that_it_waits_for_it(tmp_path: Path) -> None:
+    table = tmp_path / "lab.toml"
+    with socket.socket() as nobody, starter() as start:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        router = f"tcp/127.0.0.1:{nobody.getsockname()[1]}"
+        table.write_text(
+            f'[robot]\nrouter = "{router}"\nagents = ["robot"]\n[lab1]\nagents = ["goto"]\n'
+        )
+        words = ("--hosts", str(table), "--host", "lab1", "--namespace", "up-test")
+        process = start("up", *words)
+        assert process.stderr is not None
+        said = iter(process.stderr.readline, "")
+        assert any(f"no robot agent at {router}; " in line for line in said)

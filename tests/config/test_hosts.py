@@ -1,4 +1,4 @@
-"""Host tables: loopback unless an entry says otherwise, and faults named with file and line."""
+"""Host tables: which agents run where, the robot's router, and faults with file and line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.errors import ConfigError
-from armadico.config.hosts import LOOPBACK, Host, load_hosts, nobodys, serial_port
+from armadico.config.hosts import Host, load_hosts, nobodys, serial_port
 from armadico.config.loading import read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
@@ -18,17 +18,16 @@ DEMO = {"robot": 11, "lab1": 12, "lab2": 13, "lab3": 14}
 
 LAB = """\
 [robot]
-endpoints = ["tcp/10.0.0.2:7447", "tls/robot.local:7448"]
+router = "tcp/10.0.0.2:7447"
 agents = ["robot", "encoder"]
 
 [lab1]
-endpoints = [
-  "tcp/[fe80::1]:7447",
-]
+address = "fe80::1"
 agents = ["goto"]
 
 [desk]
 """
+"""Where the desk is the table does not say."""
 
 
 def lab(folder: Path, text: str = LAB) -> Path:
@@ -37,22 +36,24 @@ def lab(folder: Path, text: str = LAB) -> Path:
     return file
 
 
-def test_what_is_shipped_stays_on_loopback_and_runs_everybody() -> None:
+def test_the_shipped_table_opens_no_port_and_runs_every_agent() -> None:
     table = load_hosts()
-    everybody = (society().robot, *society().agents, *society().watch)
-    assert table.hosts == {"localhost": Host(LOOPBACK, everybody)}
-    assert not table.multicast
-    assert table.router is None
+    every = (society().robot, *society().agents, *society().watch)
+    assert table.hosts == {"localhost": Host(agents=every)}
+    assert table.host("localhost").addresses == ()
+    assert (table.robots_host, table.robots_router) == ("localhost", None)
+    assert table.fleet == ()
 
 
-def test_the_demos_table_is_four_hosts_that_run_everybody_between_them() -> None:
-    hosts = load_hosts("demo").hosts
+def test_the_demos_table_is_four_hosts_that_run_every_agent_between_them() -> None:
+    table = load_hosts("demo")
+    hosts = table.hosts
     assert {name: host.addresses for name, host in hosts.items()} == {
         name: (f"10.77.0.{number}",) for name, number in DEMO.items()
     }
-    assert all(len(host.endpoints) == 4 for host in hosts.values())
-    everybody = [agent for host in hosts.values() for agent in host.agents]
-    assert sorted(everybody) == sorted((society().robot, *society().agents))
+    assert (table.robots_host, table.robots_router) == ("robot", "tcp/10.77.0.11:7447")
+    every = [agent for host in hosts.values() for agent in host.agents]
+    assert sorted(every) == sorted((society().robot, *society().agents))
 
 
 def test_a_table_is_a_file_or_a_shipped_name(
@@ -69,18 +70,76 @@ def test_a_table_is_a_file_or_a_shipped_name(
         load_hosts("elsewhere/lab")
 
 
-def test_multicast_and_a_router_are_for_all_and_a_host_may_have_their_names(
-    tmp_path: Path,
-) -> None:
-    table = load_hosts(lab(tmp_path, "multicast = true\n[a]\nendpoints = ['tcp/0.0.0.0:7447']\n"))
-    assert table.multicast
-    assert table.host("a").endpoints == ("tcp/0.0.0.0:7447",)
-    assert table.endpoints() == (), "nobody can connect to that"
-    table = load_hosts(lab(tmp_path, "router = 'tcp/10.0.0.1:7447'\n[a]\n[b]\nagents = ['goto']\n"))
-    assert table.router == "tcp/10.0.0.1:7447"
-    assert table.host("b") == Host((), ("goto",)), "its clients listen on nothing"
-    table = load_hosts(lab(tmp_path, "[router]\nendpoints = ['tcp/10.0.0.1:7447']\n"))
-    assert list(table.hosts) == ["router"]
+def test_settings_stand_above_the_hosts_and_a_host_may_have_their_names(tmp_path: Path) -> None:
+    fleet = "fleet = ['tcp/10.0.0.1:7447', 'tcp/10.0.0.9:7447']\n"
+    table = load_hosts(lab(tmp_path, f"{fleet}[a]\nrouter = 'tcp/10.0.0.1:7447'\n"))
+    assert table.fleet == ("tcp/10.0.0.1:7447", "tcp/10.0.0.9:7447")
+    names = ["fleet", "router", "multicast", "endpoints"]
+    table = load_hosts(lab(tmp_path, "".join(f"[{name}]\nagents = ['goto']\n" for name in names)))
+    assert list(table.hosts) == names
+    assert table.fleet == ()
+
+
+OLD = {
+    "multicast = true\n[a]": ("lab.toml:1: multicast: ", "leave it out"),
+    "[a]\nmulticast = true": ("lab.toml:2: multicast: ", "leave it out"),
+    "router = 'tcp/10.0.0.1:7447'\n[a]": (
+        "lab.toml:1: router: ",
+        'write router = "tcp/10.0.0.1:7447" below the host that runs it',
+    ),
+    "router = 7447\n[a]": ("lab.toml:1: router: ", 'write router = "tcp/10.0.0.2:7447" below'),
+    "endpoints = []\n[a]": ("lab.toml:1: endpoints: ", 'write router = "tcp/10.0.0.2:7447" th'),
+    "[a]\nagents = []\nendpoints = ['tcp/10.0.0.1:7450', 'tcp/10.0.0.1:7451']": (
+        "lab.toml:3: endpoints: ",
+        'write router = "tcp/10.0.0.1:7450" there',
+        'address = "10.0.0.1"',
+    ),
+    "[a]\nendpoints = []": ("lab.toml:2: endpoints: ", 'write router = "tcp/10.0.0.2:7447" there'),
+}
+"""What tables had before there was one router to a robot, and parts of the advice."""
+
+
+@pytest.mark.parametrize("text", OLD)
+def test_an_old_table_is_refused_with_what_to_write_instead(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_hosts(lab(tmp_path, text + "\n"))
+    for part in OLD[text]:
+        assert part in str(caught.value)
+
+
+def test_several_hosts_need_a_router_that_they_can_reach(tmp_path: Path) -> None:
+    alone = "[robot]\nagents = ['robot']\n"
+    assert load_hosts(lab(tmp_path, alone)).robots_router is None
+    with pytest.raises(ConfigError) as caught:
+        load_hosts(lab(tmp_path, f"[lab1]\naddress = '10.0.0.1'\n{alone}"))
+    assert "lab.toml:3: robot runs the robot agent" in str(caught.value)
+    assert 'router = "tcp/ADDRESS:7447" in [robot]' in str(caught.value)
+
+
+def test_a_fleet_that_lacks_the_robots_own_router_is_refused(tmp_path: Path) -> None:
+    fleet = "fleet = ['tcp/10.0.0.9:7447', '{}']\n"
+    assert load_hosts(lab(tmp_path, fleet.format("tcp/10.0.0.2:7447") + LAB)).fleet
+    with pytest.raises(
+        ConfigError, match=r"lab\.toml:1: fleet lacks .*tcp/10\.0\.0\.2:7447.*robot"
+    ):
+        load_hosts(lab(tmp_path, fleet.format("tcp/10.0.0.3:7447") + LAB))
+    behind_nat = "[robot]\nagents = ['robot']\n"
+    assert load_hosts(lab(tmp_path, fleet.format("tcp/10.0.0.3:7447") + behind_nat)).fleet
+
+
+def test_the_robots_router_is_that_of_the_host_that_runs_the_robot_agent(tmp_path: Path) -> None:
+    table = load_hosts(lab(tmp_path))
+    assert (table.robots_host, table.robots_router) == ("robot", "tcp/10.0.0.2:7447")
+    own = LAB.replace('"robot", "encoder"', '"own-robot"')
+    table = load_hosts(lab(tmp_path, own))
+    assert table.robots_host == "robot", "its agent need not be installed here"
+    with pytest.raises(
+        ConfigError, match=r"lab\.toml:6: lab1\.router = .*only the host of the rob"
+    ):
+        load_hosts(lab(tmp_path, own.replace("address = ", 'router = "tcp/10.0.0.3:7447" # ')))
+    nobodys = LAB.replace('"robot", "encoder"', '"encoder"').replace("router = ", "# ")
+    table = load_hosts(lab(tmp_path, nobodys))
+    assert (table.robots_host, table.robots_router) == (None, None)
 
 
 def test_the_controller_of_a_hosts_robot_agent(tmp_path: Path) -> None:
@@ -105,13 +164,12 @@ def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:
     assert sorted(every) == sorted((society().robot, *society().agents))
 
 
-def test_endpoints_are_those_of_the_entries_else_loopback(tmp_path: Path) -> None:
+def test_a_host_is_at_its_address_and_its_routers(tmp_path: Path) -> None:
     table = load_hosts(lab(tmp_path))
-    assert table.host("robot").endpoints == ("tcp/10.0.0.2:7447", "tls/robot.local:7448")
-    assert table.host("lab1").agents == ("goto",)
-    assert table.host("desk") == Host(LOOPBACK, ())
-    expected = ("tcp/10.0.0.2:7447", "tls/robot.local:7448", "tcp/[fe80::1]:7447", *LOOPBACK)
-    assert table.endpoints() == expected
+    addresses = {name: host.addresses for name, host in table.hosts.items()}
+    assert addresses == {"robot": ("10.0.0.2",), "lab1": ("fe80::1",), "desk": ()}
+    both = LAB.replace("[robot]", "[robot]\naddress = 'robot.local'")
+    assert load_hosts(lab(tmp_path, both)).host("robot").addresses == ("10.0.0.2", "robot.local")
 
 
 def test_an_unknown_host_is_answered_with_the_nearest(tmp_path: Path) -> None:
@@ -137,38 +195,41 @@ BAD = "expected PROTOCOL/HOST:PORT, for instance tcp/10.0.0.2:7447"
         ("tcp/10.0.0.3:65536", "expected a port from 1 to 65535"),
         ("tpc/10.0.0.3:7447", "unknown protocol; did you mean 'tcp'?"),
         ("TCP/10.0.0.3:7447", BAD),
-        ("tcp/10.0.0.2:7447", "host 'robot' has it already; expected another"),
+        ("tcp/0.0.0.0:7447", "nobody can connect to that; expected the address of the machine"),
+        ("tcp/[::]:7447", "nobody can connect to that; expected the address of the machine"),
     ],
 )
-def test_a_wrong_endpoint_is_named_with_file_and_line(
+def test_a_wrong_router_is_named_with_file_and_line(
     tmp_path: Path, endpoint: str, message: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
-        load_hosts(lab(tmp_path, LAB.replace("tcp/[fe80::1]:7447", endpoint)))
-    assert f'lab.toml:7: lab1.endpoints[0] = "{endpoint}": {message}' in str(caught.value)
+        load_hosts(lab(tmp_path, LAB.replace("tcp/10.0.0.2:7447", endpoint)))
+    assert f'lab.toml:2: robot.router = "{endpoint}": {message}' in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ("router", "ruoter", "lab.toml:2: unknown key robot.ruoter; did you mean 'router'?"),
         (
-            "endpoints = [\n",
-            "endpoint = [\n",
-            "lab.toml:6: unknown key lab1.endpoint; did you mean",
+            'address = "fe80::1"',
+            'router = "tcp/[fe80::1]:7447"',
+            'lab.toml:6: lab1.router = "tcp/[fe80::1]:7447": only the host of the robot agent',
         ),
-        ('["goto"]', '"goto"', 'lab.toml:9: lab1.agents = "goto": expected a list, not a string'),
-        ('["goto"]', '["a", "a"]', "lab.toml:9: lab1.agents: 'a' is there twice; expected once"),
+        ("fe80::1", "fe80::g", 'lab.toml:6: lab1.address = "fe80::g": expected a name or an addr'),
+        ("fe80::1", "tcp/lab1:7", 'lab.toml:6: lab1.address = "tcp/lab1:7": expected a name or'),
+        ('"tcp/10.0.0.2:7447"', "7447", "lab.toml:2: robot.router = 7447: expected"),
+        ('["goto"]', '"goto"', 'lab.toml:7: lab1.agents = "goto": expected a list, not a string'),
+        ('["goto"]', '["a", "a"]', "lab.toml:7: lab1.agents: 'a' is there twice; expected once"),
         ("[lab1]", "[robot]", "lab.toml:5: a second host 'robot', the first is on line 1"),
-        ("[desk]", "[desk]\nrouter = 'tcp/a:1'", "lab.toml:12: router is for all hosts: expected"),
-        ("[robot]", "multicast = 1\n[robot]", "lab.toml:1: multicast = 1: expected true or false"),
-        ("[robot]", "router = 'a:1'\n[robot]", 'lab.toml:1: router = "a:1": expected PROTOCOL/'),
-        ("[robot]", "router = 'tcp/[::]:1'\n[robot]", "nobody can connect to that; expected the"),
-        ("[robot]", "multicst = true\n[robot]", "lab.toml:1: multicst = true: expected a table"),
-        ("tcp/10.0.0.2:7447", "tcp/0.0.0.0:7447", "or multicast = true above the first host"),
+        ("[desk]", "[desk]\nfleet = []", "lab.toml:10: fleet is for all hosts: expected above the"),
+        ("[robot]", "fleet = 'tcp/a:1'\n[robot]", 'lab.toml:1: fleet = "tcp/a:1": expected a list'),
+        ("[robot]", "fleet = ['a:1']\n[robot]", 'lab.toml:1: fleet[0] = "a:1": expected PROTOCOL/'),
+        ("[robot]", "flet = []\n[robot]", "lab.toml:1: flet = []: expected a table"),
         ("[lab1]", 'robot = "ttyUSB0"\n[lab1]', 'robot.robot = "ttyUSB0": expected serial:///'),
-        ("[desk]", '[desk]\nrobot = "tcp://a:1"', 'lab.toml:12: desk.robot = "tcp://a:1": there'),
-        ('["goto"]', '["robot"]', "lab.toml:9: lab1.agents: 'robot' has the robot agent already"),
-        (LAB, "# nobody\n", "lab.toml:1: no hosts; expected a table for each, [name]"),
+        ("[desk]", '[desk]\nrobot = "tcp://a:1"', 'lab.toml:10: desk.robot = "tcp://a:1": there'),
+        ('["goto"]', '["robot"]', "lab.toml:7: lab1.agents: 'robot' has the robot agent already"),
+        (LAB, "# empty\n", "lab.toml:1: no hosts; expected a table for each, [name]"),
         (LAB, "lab1 = 3\n", "lab.toml:1: lab1 = 3: expected a table, not a whole number"),
     ],
 )
@@ -179,11 +240,6 @@ def test_a_fault_is_named_with_file_line_and_advice(
     with pytest.raises(ConfigError) as caught:
         load_hosts(lab(tmp_path, LAB.replace(old, new, 1)))
     assert message in str(caught.value)
-
-
-def test_two_hosts_that_are_both_on_loopback_are_one_too_many(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"b.endpoints\[0\] = .* host 'a' has it already"):
-        load_hosts(lab(tmp_path, "[a]\n[b]\n"))
 
 
 def test_the_shipped_file_is_toml() -> None:

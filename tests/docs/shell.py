@@ -1,4 +1,4 @@
-"""A shell for the documentation's commands: private ports and folders, cheaper arguments."""
+"""A shell for the documentation's commands: sockets and folders of its own, cheaper arguments."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from armadico.mesh.ports import free_port, private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.mesh.ports import free_port
+from armadico.mesh.sockets import RUNTIME_VARIABLE, endpoint, stem
 from tests.docs.blocks import ROOT
+from tests.runtime_folder import fresh_folder
 
 BLOCK_S = 100.0
 """What one block may take; a deadline, not an expectation."""
@@ -59,7 +60,7 @@ class Shell:
     def __init__(self, folder: Path, namespace: str) -> None:
         self.folder = folder
         self.namespace = namespace
-        self.endpoints = private_endpoints()
+        self.sockets = fresh_folder()
         self._port = free_port()
         self._groups: list[int] = []
         (folder / "configs").symlink_to(ROOT / "configs")
@@ -71,6 +72,11 @@ class Shell:
         for group in self._groups:
             with suppress(ProcessLookupError):
                 os.killpg(group, signal.SIGKILL)
+
+    @property
+    def router(self) -> str:
+        """The endpoint of the robot's router."""
+        return endpoint(Path(self.sockets) / "armadico" / f"{stem(self.namespace)}.sock")
 
     def run(self, text: str) -> subprocess.CompletedProcess[str]:
         """Run one block as the documents have it, and wait for what is not in the background."""
@@ -100,7 +106,7 @@ class Shell:
             "PYTHONPATH": str(self.folder / "site"),
             "ARMADICO_NAMESPACE": self.namespace,
             "TMPDIR": str(self.folder),
-            ENDPOINTS_VARIABLE: self.endpoints,
+            RUNTIME_VARIABLE: self.sockets,
         }
 
     def write(self, files: dict[str, str]) -> None:

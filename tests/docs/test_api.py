@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, NAMESPACE_VARIABLE
+from armadico.mesh.sockets import RUNTIME_VARIABLE
+from armadico.mesh.topology import NAMESPACE_VARIABLE
 from tests.docs.blocks import Block, blocks
 from tests.docs.shell import Shell
 from tests.docs.test_tutorial import SOCIETY, do
@@ -32,7 +33,7 @@ def execute(blocks: list[Block]) -> dict[str, Any]:
 @pytest.fixture
 def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Shell]:
     with Shell(tmp_path, NAMESPACE) as made:
-        monkeypatch.setenv(ENDPOINTS_VARIABLE, made.endpoints)
+        monkeypatch.setenv(RUNTIME_VARIABLE, made.sockets)
         monkeypatch.setenv(NAMESPACE_VARIABLE, NAMESPACE)
         monkeypatch.chdir(tmp_path)
         yield made

@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 import armadico
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, NAMESPACE_VARIABLE
+from armadico.mesh.sockets import RUNTIME_VARIABLE
+from armadico.mesh.topology import NAMESPACE_VARIABLE
 from tests.docs.blocks import ROOT
 from tests.docs.shell import Shell
 from tests.docs.test_tutorial import SOCIETY, do, shell  # noqa: F401 - a fixture
 from tests.docs.watcher import watching
+from tests.runtime_folder import fresh_folder
 
 EXAMPLES = ROOT / "examples"
 SAYS = {
@@ -66,7 +67,7 @@ def test_the_guest_alone_says_what_to_start_first(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", text],
         cwd=tmp_path,
-        env=os.environ | {ENDPOINTS_VARIABLE: private_endpoints()},
+        env=os.environ | {RUNTIME_VARIABLE: fresh_folder()},
         capture_output=True,
         text=True,
         timeout=100,
@@ -81,7 +82,7 @@ def test_the_guest_sees_the_robot_drive_and_stops_it(shell: Shell) -> None:  # n
     do(shell, "society")
     with watching(shell) as watcher:
         watcher.everybody(SOCIETY)
-    where = {ENDPOINTS_VARIABLE: shell.endpoints, NAMESPACE_VARIABLE: shell.namespace}
+    where = {RUNTIME_VARIABLE: shell.sockets, NAMESPACE_VARIABLE: shell.namespace}
     with pytest.MonkeyPatch.context() as patched:
         for name, value in where.items():
             patched.setenv(name, value)

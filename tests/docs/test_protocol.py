@@ -41,8 +41,7 @@ def test_the_program_on_the_page_hears_the_robot_and_stops_it(tmp_path: Path) ->
         shell.write(files(PAGE))
         assert shell.run(ROBOT).returncode == 0
         watcher.everybody({"encoder", "robot"})
-        where = shell.endpoints.replace(",", " ")
-        done = shell.run(f"python stranger.py {NAMESPACE} {where}")
+        done = shell.run(f"python stranger.py {NAMESPACE} {shell.router}")
         assert done.returncode == 0, done.stdout
         assert "heading 0.00 rad" in done.stdout
         assert "stopped by stranger" in done.stdout

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from armadico.core.messages import Ack, Card, Pose
 from armadico.core.resources import WHEELS
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.view import View, agent_of
 from armadico.runtime.client import Client
@@ -56,6 +56,5 @@ class Watcher:
 @contextmanager
 def watching(shell: Shell) -> Iterator[Watcher]:
     """Watch the society of a shell."""
-    where = topology(passing=True, environ={ENDPOINTS_VARIABLE: shell.endpoints})
-    with ZenohMesh(shell.namespace, where) as mesh:
+    with ZenohMesh(shell.namespace, topology(connect=shell.router), starts=True) as mesh:
         yield Watcher(mesh)

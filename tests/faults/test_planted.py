@@ -206,10 +206,6 @@ def takes_no_news_of_tokens(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Contender, "gone", lambda self, instance, now: [])
 
 
-def is_patient_with_who_is_not_obeyed(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("armadico.core.coordination.UNOBEYED", 60)
-
-
 def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Resource, "silence", lambda self, period: 0.45)
 
@@ -352,7 +348,6 @@ _SILENT = Fault("silent-sonar", 14.4, 9.0, ("robot",))
 _GONE = Fault("crash", 8.0, 1.0, ("avoid",))
 _KILLED = Fault("crash", 5.5, 1.0, ("avoid",))  # in scenario 3 it holds then, and goto bids
 _HUNG = Fault("hang", 5.5, 1.5, ("avoid",))
-_UNHEARD = Fault("one-way", 5.5, 3.0, ("avoid",), ("robot",))
 _STOP = Fault("stop", 8.0, 5.0, ("robot",))
 _OLD_STOP = Fault("stop-and-release", 8.0, 5.0, ("robot",), (), 3.0)
 _ENCODER = Fault("crash", 12.0, 1.0, ("encoder",))
@@ -379,11 +374,6 @@ BUGS = (
     Bug(begins_from_rest, Promise.SMOOTH, case(scenario="sc3", lasts=40.0)),
     Bug(waits_long_for_silence, Promise.HANDOVER, case(_HUNG, scenario="sc3", lasts=12.0)),
     Bug(takes_no_news_of_tokens, Promise.HANDOVER, case(_KILLED, scenario="sc3", lasts=12.0)),
-    Bug(
-        is_patient_with_who_is_not_obeyed,
-        Promise.HANDOVER,
-        case(_UNHEARD, scenario="sc3", lasts=12.0),
-    ),
     Bug(orders_a_stop_late, Promise.SILENCE, case(_CUT)),
     Bug(latches_no_stop, Promise.STOP, case(_STOP)),
     Bug(drives_though_stopped, Promise.STOP, case(_STOP)),

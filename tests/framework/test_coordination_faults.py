@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sin
 
 from hypothesis import given, settings
@@ -20,6 +20,10 @@ HEALED_S = 5.0
 """A holder that was not obeyed stands back for up to 4 s; everything else takes 2."""
 
 
+CUTS = {"cut": (True, False), "cut for the lease": (True, True), "cut one way": (False, False)}
+"""Whether both ways, and whether the connection ends when the lease does."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """Something that goes wrong for a while, to one agent or between two."""
@@ -34,7 +38,7 @@ class Fault:
 def faults(contenders: int) -> st.SearchStrategy[list[Fault]]:
     fault = st.builds(
         Fault,
-        st.sampled_from(["hang", "kill", "cut", "cut one way", "lose", "delay", "restart robot"]),
+        st.sampled_from([*CUTS, "hang", "kill", "lose", "delay", "restart robot"]),
         st.integers(0, contenders),
         st.integers(0, contenders),
         st.floats(1.0, 6.0),
@@ -66,26 +70,36 @@ class Faulty:
             node.kill()
         elif fault.kind == "restart robot":
             self.society.nodes["robot"].kill()
-        elif fault.kind == "cut":
-            mesh.link(name, other).up = mesh.link(other, name).up = False
-        elif fault.kind == "cut one way":
-            mesh.link(name, other).up = False
+        elif fault.kind in CUTS:
+            for one, to in self.ways(fault):
+                mesh.cut([one], [to], lease=CUTS[fault.kind][1])
         elif fault.kind == "lose":
-            mesh.link(name, other).faults = LinkFaults(loss=0.3)
+            self.spoil(name, other, LinkFaults(loss=0.3))
         elif fault.kind == "delay":
-            mesh.link(name, other).faults = LinkFaults(delay=0.12)
+            self.spoil(name, other, LinkFaults(delay=0.12))
 
     def end(self, fault: Fault) -> None:
         name, other = self.names[fault.victim], self.names[fault.other]
-        mesh = self.society.mesh
-        for link in (mesh.link(name, other), mesh.link(other, name)):
-            link.faults = WHOLE
+        if fault.kind in CUTS:
+            for one, to in self.ways(fault):
+                self.society.mesh.heal([one], [to])
+        self.spoil(name, other, WHOLE)
         for each in (name, "robot"):
             node = self.society.nodes[each]
             if not node.alive:
                 self.revive(each)
             elif node.hung:
                 node.resume()
+
+    def ways(self, fault: Fault) -> list[tuple[str, str]]:
+        """Between which agents a cut is, in which direction."""
+        name, other = self.names[fault.victim], self.names[fault.other]
+        return [(name, other), (other, name)] if CUTS[fault.kind][0] else [(name, other)]
+
+    def spoil(self, name: str, other: str, faults: LinkFaults) -> None:
+        """Make a link worse, or as it was; its cuts stay."""
+        link = self.society.mesh.link(name, other)
+        link.faults = replace(faults, cut=not link.up)
 
     def revive(self, name: str) -> None:
         self.starts[name] += 1

@@ -110,6 +110,17 @@ def test_a_cut_without_a_lease_is_noticed_by_nobody() -> None:
     assert len(listener.seen) > counted
 
 
+def test_an_agent_that_starts_during_a_cut_without_a_lease_is_seen_once_it_has_healed() -> None:
+    mesh, listener = told()
+    mesh.cut(["talker"], ["listener"])
+    mesh.add(Talker(mesh.identity("talker")), admit=False)
+    mesh.run(3.0)
+    assert listener.who == []
+    mesh.heal(["talker"], ["listener"])
+    mesh.run(3.1)
+    assert [what for _, what in listener.who] == ["+talker"]
+
+
 def test_two_cuts_of_one_way_heal_with_the_last() -> None:
     mesh, listener = told(Talker)
     mesh.run(1.0)

@@ -8,9 +8,9 @@ from signal import SIGINT
 
 import pytest
 
-from tests.hosts.conftest import SOON, says
+from tests.hosts.conftest import SOON, call, says
 from tests.live.society import Observer
-from tests.programs import Start, call
+from tests.programs import Start
 
 pytestmark = pytest.mark.live
 
@@ -70,14 +70,14 @@ def test_who_does_not_come_is_named(
 ) -> None:
     from armadico.cli import main  # noqa: PLC0415 - with the fixtures' environment
 
-    up("lab1")
+    up("robot")
     up("lab3")
     monkeypatch.setattr("armadico.launch.attached.AttachedRun.come_s", 3.0)
-    code = main(["run", scenario(tmp_path, SHORT), "--attach", "--host", "lab3"])
+    code = main(["run", scenario(tmp_path, SHORT), "--attach"])
     errors = capsys.readouterr().err
     assert code == 1
     assert "not there within" in errors
-    assert "avoid, gothrough, goto, relocate, robot" in errors
+    assert "avoid, encoder, gothrough, goto, relocate, sonar" in errors
     assert "armadico up" in errors
 
 

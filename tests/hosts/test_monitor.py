@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from signal import SIGKILL, SIGSTOP
 
@@ -10,8 +9,7 @@ import pytest
 
 from armadico.core.messages import MissionRequest, Waypoint
 from armadico.launch.processes import kill_trees
-from armadico.mesh.ports import private_endpoints
-from tests.hosts.conftest import SOON, children
+from tests.hosts.conftest import SOON, children, write_table
 from tests.live.society import Observer
 from tests.programs import Start
 
@@ -56,12 +54,7 @@ PAIR = {
 @pytest.fixture(autouse=True)
 def table(table: Path, request: pytest.FixtureRequest) -> Path:
     """Another host table, before anybody reads it."""
-    entries = []
-    for number, (host, agents) in enumerate(request.param.items()):
-        endpoints = private_endpoints(2, f"127.0.0.2{number}").split(",")
-        entries.append(f"[{host}]\nendpoints = {json.dumps(endpoints)}\n")
-        entries.append(f"agents = {json.dumps(agents)}\n")
-    table.write_text("".join(entries))
+    write_table(table, request.param)
     return table
 
 

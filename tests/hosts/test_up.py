@@ -9,15 +9,23 @@ from signal import SIGINT, SIGTERM, Signals
 
 import pytest
 
-from armadico.launch.pidfile import RUNTIME_VARIABLE, shares
-from tests.hosts.conftest import NAMESPACE, SOON, all_gone, children
+from armadico.launch.pidfile import shares
+from tests.hosts.conftest import (
+    NAMESPACE,
+    ROBOT,
+    SOON,
+    all_gone,
+    call,
+    children,
+    says,
+)
 from tests.live.society import Observer
-from tests.programs import Start, call
+from tests.programs import Start
 
 pytestmark = pytest.mark.live
 
 
-def test_a_share_comes_up_is_seen_and_goes_down(up: Start) -> None:
+def test_a_share_comes_up_is_seen_and_goes_down(router: None, up: Start) -> None:
     process = up("lab1")
     kept = children(process)
     assert sorted(kept) == ["encoder", "sonar"]
@@ -38,26 +46,58 @@ def test_a_share_comes_up_is_seen_and_goes_down(up: Start) -> None:
 
 
 def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
-    up: Start, start: Start, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    router: None, up: Start
 ) -> None:
     """Another user's: no file tells it that the share is up."""
     first = up("lab1")
     kept = children(first)
-    other = tmp_path / "other"
-    other.mkdir()
-    monkeypatch.setenv(RUNTIME_VARIABLE, str(other))
-    second = start("up", "--host", "lab1")
-    _, errors = second.communicate(timeout=2 * SOON)
-    assert second.returncode == 1, errors
-    assert "agent is alive already" in errors
-    assert any(f"(host lab1, pid {one.pid}, " in errors for one in kept.values())
+    second = call("up", "--host", "lab1", on="another user")
+    assert second.returncode == 1, second.stderr
+    assert "agent is alive already" in second.stderr
+    assert any(f"(host lab1, pid {one.pid}, " in second.stderr for one in kept.values())
     assert {name: one.pid for name, one in children(first).items()} == {
         name: one.pid for name, one in kept.items()
     }
 
 
-def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start) -> None:
-    both = [up("lab1"), up("lab2")]
+def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> None:
+    """Another user's."""
+    first = up("robot")
+    second = call("up", "--host", "robot", on="another user")
+    assert second.returncode == 1
+    assert "robot ended with status 2, and is not started again" in second.stderr
+    assert "another process has that port" in second.stderr
+    assert first.poll() is None
+
+
+def test_a_second_robot_agent_of_a_machine_names_the_process_of_the_first(up: Start) -> None:
+    first = children(up("robot"))["robot"]
+    second = call("robot", "--host", "robot", program="armadico-agent")
+    assert second.returncode == 2
+    assert f"process {first.pid} is the router of the namespace {NAMESPACE!r} already" in (
+        second.stderr
+    )
+    assert "is open" not in second.stderr, "it did not touch the port"
+    assert first.is_running()
+
+
+def test_a_share_whose_robot_agent_finds_another_ends_and_says_which(
+    start: Start, observer: Observer
+) -> None:
+    nowhere = "port=tcp://127.0.0.1:1"
+    by_hand = start("robot", "--host", "robot", "--set", nowhere, program="armadico-agent")
+    observer.until(lambda: observer.names == {"robot"}, "it is there")
+    done = call("up", "--host", "robot")
+    assert done.returncode == 1
+    assert "robot ended with status 2, and is not started again" in done.stderr
+    assert f"process {by_hand.pid} is the router" in done.stderr
+    assert by_hand.poll() is None
+
+
+def test_down_without_a_host_is_for_all_shares_of_the_namespace(router: None, start: Start) -> None:
+    both = [start("up", "--host", host, on=ROBOT) for host in ("lab1", "lab2")]
+    for process, host in zip(both, ("lab1", "lab2"), strict=True):
+        says(process, f"{host} is up")
     other = call("down", "--namespace", "another-robot")
     assert "nothing is up" in other.stdout
     down = call("down")
@@ -65,7 +105,9 @@ def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start) -> No
     assert [process.wait(SOON) for process in both] == [0, 0]
 
 
-def test_an_agent_that_dies_comes_back_as_a_new_instance(up: Start, observer: Observer) -> None:
+def test_an_agent_that_dies_comes_back_as_a_new_instance(
+    router: None, up: Start, observer: Observer
+) -> None:
     process = up("lab1")
     observer.until(lambda: observer.names == {"encoder", "sonar", "wakeup"}, "both are there")
     before = set(observer.client.alive)
@@ -78,7 +120,9 @@ def test_an_agent_that_dies_comes_back_as_a_new_instance(up: Start, observer: Ob
     assert "sonar ended with signal SIGKILL; it is started again" in errors
 
 
-def test_when_the_budget_is_spent_all_of_the_host_ends_and_it_says_why(up: Start) -> None:
+def test_when_the_budget_is_spent_all_of_the_host_ends_and_it_says_why(
+    router: None, up: Start
+) -> None:
     process = up("lab1", "--restarts", "0")
     kept = children(process)
     kept["sonar"].kill()
@@ -91,7 +135,9 @@ def test_when_the_budget_is_spent_all_of_the_host_ends_and_it_says_why(up: Start
     assert sorted(path.name for path in logs.iterdir()) == ["encoder.log", "sonar.log"]
 
 
-def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word() -> None:
+def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word(
+    router: None,
+) -> None:
     done = call("up", "--host", "lab3", "--set", "path-planning.world=nowhere.map")
     assert done.returncode == 1
     assert "path-planning ended with status 2, and is not started again" in done.stderr
@@ -102,7 +148,7 @@ def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word()
 
 @pytest.mark.parametrize(("number", "code"), [(SIGINT, 130), (SIGTERM, 0)])
 def test_a_signal_ends_everybody_and_leaves_no_logs(
-    up: Start, tmp_path: Path, number: Signals, code: int
+    router: None, up: Start, tmp_path: Path, number: Signals, code: int
 ) -> None:
     process = up("lab2")
     kept = list(children(process).values())
@@ -135,7 +181,7 @@ def test_a_simulator_that_dies_comes_back_where_it_was(up: Start, observer: Obse
 
 
 def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(
-    up: Start, observer: Observer, tmp_path: Path
+    router: None, up: Start, observer: Observer, tmp_path: Path
 ) -> None:
     scenario = tmp_path / "own.toml"
     scenario.write_text(
@@ -152,7 +198,7 @@ def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(
 
 
 def test_systemd_is_told_when_it_is_up(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    router: None, start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
         line.bind(str(tmp_path / "notify"))
@@ -162,9 +208,15 @@ def test_systemd_is_told_when_it_is_up(
         assert line.recv(100) == b"READY=1"
 
 
-def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(up: Start) -> None:
-    process = up("lab1", "--restarts", "0", "--without", "sonar")
-    assert call("ps", "--host", "lab1").returncode == 0, "it was asked to do without"
+def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(
+    router: None, start: Start
+) -> None:
+    """On the machine where it is up: another one counts by the table."""
+    words = ("--restarts", "0", "--without", "sonar")
+    process = start("up", "--host", "lab1", *words, on=ROBOT)
+    says(process, "lab1 is up")
+    here = call("ps", "--host", "lab1", on=ROBOT)
+    assert here.returncode == 0, "it was asked to do without"
     found = {host["name"]: host for host in json.loads(call("ps", "--json").stdout)["hosts"]}
     assert found["lab1"]["state"] == "up"
     assert found["lab2"]["lacks"] == ["goto", "avoid", "gothrough", "relocate"]
@@ -176,21 +228,17 @@ def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(up: Start)
     assert process.wait(SOON) == 0
 
 
-def test_an_agent_by_hand_counts_as_the_hosts(start: Start, observer: Observer) -> None:
+def test_an_agent_by_hand_counts_as_the_hosts(
+    router: None, start: Start, observer: Observer
+) -> None:
     start("goto", "--host", "lab2", program="armadico-agent")
     observer.until(lambda: observer.names == {"goto"}, "it is there")
     seen = call("ps", "--host", "lab2")
     assert (seen.returncode, seen.stdout) == (1, "lab2: lacks: avoid, gothrough, relocate\n")
 
 
-def test_a_port_that_is_taken_by_our_own_is_left_to_them(start: Start, up: Start) -> None:
-    """Three agents and two endpoints: the third takes a port that is free."""
-    line = up("lab2")
-    assert line.poll() is None
-
-
 def test_who_is_not_on_this_machine_is_told(table: Path) -> None:
-    text = table.read_text().replace("127.0.0.12", "192.0.2.77")
+    text = table.read_text().replace("127.0.0.22", "192.0.2.77")
     table.write_text(text)
     for words, program in ((("up",), "armadico"), (("sonar",), "armadico-agent")):
         done = call(*words, "--host", "lab1", program=program)
@@ -199,7 +247,7 @@ def test_who_is_not_on_this_machine_is_told(table: Path) -> None:
         assert "this machine is 'robot' or 'lab2' or 'lab3'" in done.stderr
 
 
-def test_the_process_says_nothing_else_on_standard_output(up: Start) -> None:
+def test_the_process_says_nothing_else_on_standard_output(router: None, up: Start) -> None:
     process = up("lab1")
     process.terminate()
     out, _ = process.communicate(timeout=SOON)

@@ -43,7 +43,6 @@ def main(kind: str, host: str) -> None:
         host=host,
         hosts=None,
         connect=[],
-        listen=[],
         namespace=os.environ[options.NAMESPACE_VARIABLE],
     )
     if kind == "foreign":  # on its card; what refuses to join has asked for the number already

@@ -20,9 +20,9 @@ from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.launch.api import Holding, Run
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.observe.measures import Mark, RunWatch
+from tests.runtime_folder import fresh_folder
 
 SHORT = Scenario(
     name="short",
@@ -244,7 +244,7 @@ def test_an_error_comes_from_a_worker_as_it_was(error: armadico.SocietyError) ->
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A mesh of the test's own, inherited by every process."""
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    monkeypatch.setenv(RUNTIME_VARIABLE, fresh_folder())
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 

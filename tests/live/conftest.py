@@ -1,4 +1,4 @@
-"""A mesh of each test's own: ports, namespace and a folder for the logs."""
+"""A mesh of each test's own: sockets, namespace and a folder for the logs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from armadico.config.scenarios import Scenario
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
-from tests.live.society import LINE, Observer, Society, launcher_of, mesh_of
+from armadico.mesh.sockets import RUNTIME_VARIABLE
+from tests.live.society import LINE, Observer, Society, launcher_of, mesh_of, observers_mesh
+from tests.runtime_folder import fresh_folder
 
 NAMESPACE = f"live-test-{os.getpid()}"
 
@@ -23,7 +23,7 @@ Start = Callable[..., Society]
 @pytest.fixture(autouse=True)
 def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Inherited by every process that the test starts."""
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    monkeypatch.setenv(RUNTIME_VARIABLE, fresh_folder())
     monkeypatch.setenv("ARMADICO_NAMESPACE", NAMESPACE)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -35,7 +35,7 @@ def start(apart: None) -> Iterator[Start]:
     with ExitStack() as stack:
 
         def make(scenario: Scenario = LINE) -> Society:
-            mesh = stack.enter_context(mesh_of(NAMESPACE))
+            mesh = stack.enter_context(observers_mesh(NAMESPACE))
             launcher = stack.enter_context(
                 launcher_of(stack.enter_context(mesh_of(NAMESPACE)), scenario)
             )
@@ -49,5 +49,5 @@ def start(apart: None) -> Iterator[Start]:
 @pytest.fixture
 def observer(apart: None) -> Iterator[Observer]:
     """Somebody who watches a run that another process launched."""
-    with mesh_of(NAMESPACE) as mesh:
+    with observers_mesh(NAMESPACE) as mesh:
         yield Observer(mesh)

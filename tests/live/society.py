@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, closing
 from itertools import pairwise
+from pathlib import Path
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.config.scenarios import Scenario, ideal
@@ -29,13 +31,15 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from armadico.core.services import BIDS
 from armadico.launch.local import Launcher
-from armadico.launch.processes import Process
+from armadico.launch.processes import SIMULATOR, Process
 from armadico.launch.society import Member, Options
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.view import View
 from armadico.runtime.client import Client
 from armadico_tools.faults.serial_tap import Tap, moves
+from armadico_tools.testbed import joining_onlooker, onlooker
 
 SOON = 40.0
 """s; a deadline, not an expectation."""
@@ -45,7 +49,10 @@ LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.
 
 
 class Tapped(Launcher):
-    """A launcher that puts a tap between the robot agent and its simulator."""
+    """A launcher that puts a tap between the robot agent and its simulator.
+
+    The simulator is linked to the observer, which sees the truth without a robot agent, too.
+    """
 
     tap: Tap | None = None
 
@@ -53,6 +60,10 @@ class Tapped(Launcher):
         url = super().start_simulator(port)
         self.tap = self.tap or Tap(url)
         return self.tap.url
+
+    def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
+        more = joining_observer(self._namespace) if name == SIMULATOR else ()
+        return super()._process(name, [*words, *more], listen=listen)
 
     def stop(self) -> None:
         super().stop()
@@ -200,10 +211,12 @@ class Society(Observer):
         return self.launcher.start_agent(Member(name, member.sets))
 
     def nobody_else_died(self, *dead: str) -> None:
-        """All but these are alive, and are seen to be."""
+        """All but these are alive, and are seen to be if there is a robot agent."""
         newest = {process.name: process for process in self.launcher.processes}
         ended = {name for name, process in newest.items() if process.ended()}
         assert ended == set(dead), f"ended: {sorted(ended)}"
+        if "robot" in dead:
+            return
         agents = {member.name for member in self.launcher.members} - set(dead)
         self.until(lambda: self.names == agents, f"tokens: {sorted(agents)}")
 
@@ -247,7 +260,21 @@ def _rank(ballot: Ballot | None) -> tuple[int, float, bool, str]:
 
 def mesh_of(namespace: str) -> ZenohMesh:
     """A session as a tool has it."""
-    return ZenohMesh(namespace, topology(passing=True))
+    return ZenohMesh(namespace, topology(), starts=True)
+
+
+def observers_mesh(namespace: str) -> AbstractContextManager[ZenohMesh]:
+    """An open session of an observer: it receives from simulators without a robot agent, too."""
+    return closing(onlooker(namespace, _beside()))
+
+
+def joining_observer(namespace: str) -> tuple[str, ...]:
+    """The options by which a simulator is linked to the observer, and not to the robot's router."""
+    return joining_onlooker(namespace, _beside())
+
+
+def _beside() -> Path:
+    return Path(os.environ[RUNTIME_VARIABLE]) / "observer"
 
 
 def launcher_of(

@@ -13,9 +13,6 @@ from signal import SIGINT, SIGKILL
 import pytest
 
 from armadico.core.messages import FleetStatus
-from armadico.launch.pidfile import RUNTIME_VARIABLE
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico.runtime.client import Client
 from tests.hosts.conftest import says
 from tests.live.society import SOON, mesh_of
@@ -50,7 +47,6 @@ def run(apart: None) -> Iterator[Start]:
 
 TABLE = """\
 [here]
-endpoints = {endpoints}
 agents = ["robot", "encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface",
           "fleet"]
 together = [["encoder", "sonar", "goto", "avoid", "gothrough"],
@@ -120,13 +116,10 @@ def test_a_second_fleet_of_the_same_name_is_refused(run: Start, tmp_path: Path) 
 
 
 def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_by_ctrl_c(
-    run: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Start, tmp_path: Path
 ) -> None:
-    endpoints = private_endpoints()
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, endpoints)
-    monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
     table = tmp_path / "lab.toml"
-    table.write_text(TABLE.format(endpoints=json.dumps(endpoints.split(","))), encoding="utf-8")
+    table.write_text(TABLE, encoding="utf-8")
     first, second = (f"{FLEET}/{name}" for name in ("r1", "r2"))
     starts = ("1.5", "1.5", "0"), ("1.5", "3.5", "0")
     world = run(
@@ -143,27 +136,27 @@ def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_
     for process in ups:
         says(process, "here is up")
     attached = run("run", file, "--attach", "--namespace", FLEET, "--robots", "2", "--json")
-    with mesh_of(second) as mesh:
+    with mesh_of(first) as mesh:
         client = Client(mesh)
         client.listen(FleetStatus)
         assert client.wait_for(
             lambda: (status := client.latest(FleetStatus)) is not None and status.holds, START_S
         )
-    everybody = children(ups[1].pid)
-    ups[1].kill()
+    everybody = children(ups[0].pid)
+    ups[0].kill()
     assert all_gone(everybody), "agents leave with who started them"
     out, errors = attached.communicate(timeout=100.0)
     assert attached.returncode == 0, errors
     result = json.loads(out)
     assert sorted(task for row in result["robots"] for task in row["tasks"]) == [0, 1]
-    assert f"{second}: its fleet agent is silent" in errors
+    assert f"{first}: its fleet agent is silent" in errors
 
     again = run("run", file, "--attach", "--namespace", FLEET)
     told(again, "0 of 2 done")
     again.send_signal(SIGINT)
     _, errors = again.communicate(timeout=SOON)
     assert again.returncode == 130, errors
-    assert f"stopped: {first}; `armadico resume --namespace {first}` releases one" in errors
+    assert f"stopped: {second}; `armadico resume --namespace {second}` releases one" in errors
     assert "the fleet remembers the list, of which" in errors
-    assert ups[0].poll() is None, "it is up"
-    assert call("down", "--namespace", first).returncode == 0
+    assert ups[1].poll() is None, "it is up"
+    assert call("down", "--namespace", second).returncode == 0

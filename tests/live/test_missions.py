@@ -13,7 +13,6 @@ import pytest
 pytest.importorskip("mcap")
 
 from armadico.core.messages import Alarm, Board, BoardMission, Message, MissionEnd, Photo
-from armadico.launch.pidfile import RUNTIME_VARIABLE
 from armadico.observe.recordings import rows
 from tests.live.society import SOON, Observer
 from tests.programs import Start, call, starter
@@ -53,7 +52,6 @@ steps = [{ do = "wait", seconds = SECONDS }]
 @pytest.fixture
 def programs(apart: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Start]:
     """Start `armadico` with these words; killed with all its children if it is left."""
-    monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
     monkeypatch.chdir(tmp_path)  # pictures go there
     with starter() as start:
         yield start

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
-from signal import SIGHUP, SIGINT, SIGTERM, Signals
+from signal import SIGHUP, SIGINT, SIGSTOP, SIGTERM, Signals
 
 import psutil
 import pytest
@@ -18,13 +18,15 @@ from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.launch.local import Launcher
 from armadico.launch.processes import simulator_words
-from armadico.launch.society import Member, Options
-from armadico.mesh.ports import private_endpoints
+from armadico.launch.society import Options
+from armadico.mesh.ports import free_port
+from armadico.mesh.topology import topology
+from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 from armadico_tools.faults.serial_tap import Tap, moves
 from tests.live.conftest import NAMESPACE
-from tests.live.society import LINE, SOON, Observer, Society, mesh_of
+from tests.live.society import LINE, SOON, Observer, Society, joining_observer, mesh_of
 from tests.programs import Start, starter
 
 pytestmark = pytest.mark.live
@@ -82,14 +84,16 @@ def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(
     assert result["collisions"] == 0
     assert result["shares"] == {"goto": 100.0}
     assert all_gone(everybody)
-    observer.until(lambda: not observer.client.alive, "nobody is left on the mesh")
+    with ZenohMesh(NAMESPACE, topology(router=True)):
+        observer.until(lambda: not observer.client.alive, "nobody is left on the mesh")
 
 
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
 def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
     run: Start, observer: Observer, number: Signals
 ) -> None:
-    simulator = run("sim", "sc1", "--port", "0", "--start", "-1.5", "0", "0")
+    there = ("--port", "0", "--start", "-1.5", "0", "0", *joining_observer(NAMESPACE))
+    simulator = run("sim", "sc1", *there)
     assert simulator.stdout is not None
     tap = Tap(simulator.stdout.readline().partition(" at ")[2].partition(";")[0])
     try:
@@ -192,10 +196,10 @@ def test_of_two_runs_that_begin_together_one_at_most_drives(run: Start) -> None:
     assert len(told) >= len(both) - 1, errors
 
 
-def test_who_finds_another_society_only_once_it_has_started_is_told_what_to_do(
+def test_a_run_whose_robot_agent_finds_one_that_hangs_is_told_which_process_that_is(
     apart: None,
 ) -> None:
-    """One without a robot is not seen before; one that is busy may be seen late."""
+    """A society whose router hangs cannot be seen before."""
     few = replace(LINE, agents=("robot", "encoder"))
     with (
         mesh_of(NAMESPACE) as mesh,
@@ -203,27 +207,43 @@ def test_who_finds_another_society_only_once_it_has_started_is_told_what_to_do(
         mesh_of(NAMESPACE) as another,
         Launcher(few, Options(), another, NAMESPACE) as launcher,
     ):
-        there.start_agent(Member("encoder"))
-        assert there.client.wait_for(lambda: there._is_alive("encoder"), SOON)
-        with pytest.raises(RunFailedError, match=r"(?s)^encoder ended with .*--attach .* down`"):
+        there.start()
+        (robot,) = (process for process in there.processes if process.has_robot)
+        robot.popen.send_signal(SIGSTOP)
+        pattern = rf"(?s)^robot ended with .* process {robot.popen.pid} is the router .* down`"
+        with pytest.raises(RunFailedError, match=pattern):
             launcher.start()
 
 
-def test_everybody_joins_the_mesh_that_was_named_and_no_picture_spoils_no_run(
+def test_the_robots_router_listens_where_the_table_says_and_no_picture_spoils_no_run(
     run: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A picture that nobody asked for, and that cannot be written."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").write_text("no folder")
-    here = private_endpoints(1)
-    process = run(
-        *("run", "sc1", "--goal", "0.3", "0", "0", "--json"),
-        *("--connect", here, "--listen", here),
-    )
-    out, errors = process.communicate(timeout=2 * SOON)
+    here = f"tcp/127.0.0.1:{free_port()}"
+    (tmp_path / "lab.toml").write_text(f'[here]\nrouter = "{here}"\nagents = ["robot"]\n')
+    with ZenohMesh(NAMESPACE, topology(connect=here), starts=True) as mesh:
+        observer = Observer(mesh)
+        process = run(
+            *("run", "sc1", "--goal", "0.3", "0", "0", "--json"),
+            *("--host", "here", "--hosts", "lab.toml"),
+        )
+        observer.until(observer.obeyed_lately, "somebody drives")
+        out, errors = process.communicate(timeout=2 * SOON)
     assert process.returncode == 0, errors
     assert json.loads(out)["reached"]
     assert "no picture: cannot write runs/sc1.png" in errors
+
+
+@pytest.mark.parametrize("scenario", ["sc1", "fleet"])
+def test_a_router_is_not_named_for_a_run_that_starts_the_robots_own(
+    run: Start, scenario: str
+) -> None:
+    process = run("run", scenario, "--connect", "tcp/127.0.0.1:7447")
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 2
+    assert "--connect is for --attach" in errors
 
 
 def test_the_simulated_robot_is_the_scenarios(apart: None) -> None:

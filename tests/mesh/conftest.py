@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import threading
@@ -16,8 +15,7 @@ import pytest
 from armadico.core.agent import Agent, Identity
 from armadico.core.driver import Driver
 from armadico.mesh.base import Mesh
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.topology import topology
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.mesh.zenoh import ZenohMesh
@@ -26,25 +24,41 @@ from armadico.runtime.process import AgentHost, identity
 from tests.programs import starter
 
 TOY = Path(__file__).parent / "toy_process.py"
+TOY_ROUTER = Path(__file__).parent / "toy_router.py"
 NAMESPACE = "test"
 SOON = 20.0  # s; a deadline, not an expectation
 
 Spawn = Callable[..., subprocess.Popen[str]]
+SpawnRouter = Callable[..., subprocess.Popen[str]]
+
+
+Route = Callable[[str], ZenohMesh]
+Join = Callable[..., ZenohMesh]
 
 
 @pytest.fixture
-def endpoints() -> str:
-    return private_endpoints()
+def route() -> Iterator[Route]:
+    """Open a namespace's router, as the robot agent's process does, once in a test."""
+    routers: dict[str, ZenohMesh] = {}
+    with ExitStack() as stack:
+
+        def opened(namespace: str) -> ZenohMesh:
+            if namespace not in routers:
+                router = ZenohMesh(namespace, topology(router=True))
+                routers[namespace] = stack.enter_context(router)
+            return routers[namespace]
+
+        yield opened
 
 
 @pytest.fixture
-def join(endpoints: str) -> Iterator[Callable[..., ZenohMesh]]:
-    """Join the mesh of this test, as often as wanted."""
+def join(route: Route) -> Iterator[Join]:
+    """Open clients of this test's routers; the first one of a namespace starts its router."""
     with ExitStack() as stack:
 
         def make(namespace: str = NAMESPACE) -> ZenohMesh:
-            where = topology(environ={ENDPOINTS_VARIABLE: endpoints})
-            return stack.enter_context(ZenohMesh(namespace, where))
+            route(namespace)
+            return stack.enter_context(ZenohMesh(namespace, topology()))
 
         yield make
 
@@ -109,7 +123,7 @@ class VirtualCrowd(Crowd):
 class LiveCrowd(Crowd):
     """On Zenoh, each in a thread of its own."""
 
-    def __init__(self, join: Callable[[], ZenohMesh], stack: ExitStack) -> None:
+    def __init__(self, join: Join, stack: ExitStack) -> None:
         self._join, self._stack = join, stack
         self.client = Client(join())
 
@@ -144,17 +158,37 @@ def crowd(request: pytest.FixtureRequest) -> Iterator[Crowd]:
 
 
 @pytest.fixture
-def client(join: Callable[..., ZenohMesh]) -> Client:
+def client(join: Join) -> Client:
     return Client(join())
 
 
 @pytest.fixture
-def spawn(endpoints: str) -> Iterator[Spawn]:
-    """Start toy agents as processes on the mesh of this test."""
-    env = os.environ | {ENDPOINTS_VARIABLE: endpoints}
-    with starter([sys.executable, str(TOY)], env, stdout=None) as begin:
+def spawn_alone() -> Iterator[Spawn]:
+    """Start toy agents as processes, whether or not there is a router."""
+    with starter([sys.executable, str(TOY)], stdout=None) as begin:
 
         def start(kind: str = "calm") -> subprocess.Popen[str]:
             return begin(kind, NAMESPACE)
+
+        yield start
+
+
+@pytest.fixture
+def spawn(route: Route, spawn_alone: Spawn) -> Spawn:
+    """Start toy agents as processes on the mesh of this test."""
+    route(NAMESPACE)
+    return spawn_alone
+
+
+@pytest.fixture
+def spawn_router() -> Iterator[SpawnRouter]:
+    """Start routers as processes, which can be killed and hung; see `toy_router`."""
+    with starter([sys.executable, str(TOY_ROUTER)], stderr=None, stdin=subprocess.PIPE) as begin:
+
+        def start(*words: str) -> subprocess.Popen[str]:
+            process = begin(*words)
+            assert process.stdout is not None
+            assert process.stdout.readline() == "listening\n"
+            return process
 
         yield start

@@ -42,6 +42,9 @@ class FakeMesh(Reader, Monotonic):
         self.subscribers: dict[str, Receiver] = {}
         self.answers: dict[str, Callable[[Call], None]] = {}
         self.changed: Callable[[str, str, bool], None] = lambda *_: None
+        self.reachable = True
+        self.router_changed: Callable[[bool], None] = lambda _: None
+        self.joined = threading.Event()
         self.asked: list[Asked] = []
         self.asked_keys: list[str] = []
         self.tokens: list[tuple[str, str]] = []
@@ -87,6 +90,13 @@ class FakeMesh(Reader, Monotonic):
     def declare_alive(self, name: str, instance: str) -> None:
         self.tokens.append((name, instance))
         self.alive.set()
+
+    def watch_router(self, changed: Callable[[bool], None]) -> None:
+        self.router_changed = changed
+        changed(self.reachable)
+
+    def wait_joined(self, timeout: float) -> bool:
+        return self.joined.wait(timeout)
 
     def close(self) -> bool:
         return True

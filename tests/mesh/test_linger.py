@@ -1,4 +1,4 @@
-"""A link that is closed holds up nobody: no socket of Zenoh's lingers once its link is up."""
+"""Closing a link delays no other link: no socket of Zenoh's lingers once its link is up."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import queue
 import socket
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,9 +15,9 @@ import pytest
 import zenoh
 
 from armadico.mesh.linger import release_links
-from armadico.mesh.ports import private_endpoints
+from armadico.mesh.ports import LOOPBACK, free_port
+from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import SETTINGS, ZenohMesh
-from armadico.runtime.client import Client
 
 pytestmark = pytest.mark.live
 
@@ -41,6 +41,11 @@ def lingering() -> list[bytes]:
 
 
 @pytest.fixture
+def endpoint() -> str:
+    return f"tcp/{LOOPBACK}:{free_port()}"
+
+
+@pytest.fixture
 def ours() -> Iterator[socket.socket]:
     with socket.socket() as made:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, TEN)
@@ -53,8 +58,8 @@ def test_what_lingers_is_found_and_stopped(ours: socket.socket) -> None:
     assert lingering() == []
 
 
-def test_once_two_sessions_have_a_link_none_of_their_sockets_lingers(
-    join: Callable[..., ZenohMesh], monkeypatch: pytest.MonkeyPatch
+def test_once_a_client_has_a_link_to_a_router_no_socket_lingers(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left: queue.SimpleQueue[int] = queue.SimpleQueue()
 
@@ -63,25 +68,24 @@ def test_once_two_sessions_have_a_link_none_of_their_sockets_lingers(
         left.put(len(lingering()))
 
     monkeypatch.setattr("armadico.mesh.zenoh.release_links", release)
-    first, second = join(), join()
-    counts = [left.get(timeout=ENOUGH) for _ in "ab"]  # both ends are in this process
-    assert counts[-1] == 0
-    assert Client(second).wait_for(lambda: first.met() and second.met(), ENOUGH)
+    router = ZenohMesh("linger", topology(router=True, robot=endpoint))
+    with router, ZenohMesh("linger", topology(connect=endpoint)) as client:
+        assert client.wait_joined(ENOUGH)
+        counts = [left.get(timeout=ENOUGH) for _ in "ab"]  # both ends are in this process
+        assert counts[-1] == 0
 
 
-def test_zenoh_alone_still_needs_it() -> None:
-    endpoint = private_endpoints(1)
-
-    def session(listen: str, *connect: str) -> zenoh.Session:
+def test_zenoh_alone_still_needs_it(endpoint: str) -> None:
+    def session(mode: str, **ends: list[str]) -> zenoh.Session:
         config = zenoh.Config()
-        ends = {"listen/endpoints": [listen], "connect/endpoints": list(connect)}
-        for key, value in (SETTINGS | ends).items():
+        own = {"mode": mode} | {f"{key}/endpoints": value for key, value in ends.items()}
+        for key, value in (SETTINGS | own).items():
             config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
 
     events = zenoh.handlers.FifoChannel(16)
-    with session(endpoint) as first:
+    with session("router", listen=[endpoint]) as first:
         links = first.info.declare_link_events_listener(events, history=True)
-        with session("tcp/127.0.0.1:0", endpoint):
+        with session("client", connect=[endpoint]):
             links.recv()
             assert TEN in lingering()

@@ -7,9 +7,12 @@ import signal
 import pytest
 
 from armadico.core.messages import Card, Cycle, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
+from armadico.core.restart_policy import MISUSED
+from armadico.mesh.sockets import RUNTIME_VARIABLE, folder
 from armadico.runtime.client import Client
-from tests.mesh.conftest import Spawn
+from tests.mesh.conftest import Spawn, SpawnRouter
 from tests.programs import call
+from tests.runtime_folder import fresh_folder
 
 pytestmark = pytest.mark.live
 
@@ -117,26 +120,24 @@ def test_an_agent_that_is_stopped_by_a_debugger_does_not_answer_and_comes_back(
     assert isinstance(client.cards(SOON)[next(iter(who))], Card)
 
 
-def test_newcomers_find_everybody_though_the_first_are_gone(client: Client, spawn: Spawn) -> None:
-    first = [spawn() for _ in range(3)]  # with the client they take the well-known endpoints
-    assert there(client, 3)
-    rest = [spawn() for _ in range(2)]
-    assert there(client, 5)
-    for process in first:
-        process.kill()
-    assert there(client, 2)
-    newcomer = spawn()
-    assert there(client, 3)
-    cards = client.cards(SOON)
-    assert pids(cards) == {process.pid for process in (*rest, newcomer)}
+def test_a_robot_agent_beside_another_router_reports_its_process_and_ends(
+    spawn_router: SpawnRouter,
+) -> None:
+    router = spawn_router("one-robot")
+    second = call("robot", "--namespace", "one-robot", program="armadico-agent")
+    assert second.returncode == MISUSED
+    assert f"process {router.pid} is the router" in second.stderr
+    assert "Traceback" not in second.stderr
 
 
-def pids(cards: dict[tuple[str, str], Card | None]) -> set[int]:
-    return {card.pid for card in cards.values() if card is not None}
-
-
-def test_a_process_that_cannot_join_says_so_and_ends() -> None:
-    process = call("encoder", "--listen", "tcp/192.0.2.1:7450", program="armadico-agent")
-    assert process.returncode == 1
-    assert "192.0.2.1:7450" in process.stderr
+@pytest.mark.parametrize("agent", ["robot", "encoder"])
+def test_an_agent_whose_sockets_folder_others_can_write_to_reports_that_and_ends(
+    agent: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(RUNTIME_VARIABLE, fresh_folder())
+    shared = folder()
+    shared.chmod(0o777)
+    process = call(agent, program="armadico-agent")
+    assert process.returncode == MISUSED
+    assert f"chmod 700 {shared}" in process.stderr
     assert "Traceback" not in process.stderr

@@ -1,75 +1,100 @@
-"""What only Zenoh can show: endpoints, and a session that does not close."""
+"""Opening and closing real sessions: endpoints that cannot be used, and programs that end."""
 
 from __future__ import annotations
 
-import os
+import signal
+import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from typing import Any, cast
 
 import pytest
 
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, MeshError, Topology, topology
+from armadico.core.messages import Stop
+from armadico.mesh.ports import LOOPBACK, free_port
+from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.runtime.client import Client
+
+from .conftest import Join, SpawnRouter
 
 pytestmark = pytest.mark.live
 
-Join = Callable[..., ZenohMesh]
 SOON = 10.0  # s; nothing here takes a tenth of it
 
 
-def test_an_endpoint_that_is_taken_is_named(join: Join, endpoints: str) -> None:
-    join()  # takes the first
-    taken = endpoints.partition(",")[0]
-    with pytest.raises(MeshError, match=taken):
-        ZenohMesh("test", Topology(((taken,),), ())).open()
+# Endpoints ----------------------------------------------------------------------------------------
 
 
-def test_when_all_who_had_a_well_known_endpoint_are_gone_those_who_are_left_can_be_met(
-    join: Join, endpoints: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("armadico.mesh.repair.LOOK_S", (0.0, 0.1))
-    first = [join() for _ in endpoints.split(",")]
-    rest = [join() for _ in range(2)]
-    for number, mesh in enumerate(rest):
-        mesh.declare_alive("left", str(number))
-    for mesh in first:
-        mesh.close()
-    where = topology(passing=True, environ={ENDPOINTS_VARIABLE: endpoints})
-    with ZenohMesh(rest[0].namespace, where) as knows_only_these:
-        client = Client(knows_only_these)
-        assert client.wait_for(lambda: client.alive == {("left", "0"), ("left", "1")}, SOON)
-        rest[0].close()  # with the endpoint that it may have taken
-        assert client.wait_for(lambda: client.alive == {("left", "1")}, SOON)
+def test_an_endpoint_that_another_process_has_is_named() -> None:
+    with socket.create_server((LOOPBACK, free_port())) as taken:
+        endpoint = f"tcp/{LOOPBACK}:{taken.getsockname()[1]}"
+        with pytest.raises(MeshError, match=f"{endpoint}: another process has that port"):
+            ZenohMesh("endpoints", topology(router=True, robot=endpoint)).open()
+    with ZenohMesh("endpoints", topology(router=True, robot=endpoint)):
+        pass  # the failed attempt has left nothing behind
 
+
+def test_an_endpoint_that_is_not_this_computers_is_named() -> None:
+    with pytest.raises(MeshError, match=r"192\.0\.2\.1:7447: that is no address of this machine"):
+        ZenohMesh("endpoints", topology(router=True, robot="tcp/192.0.2.1:7447")).open()
+
+
+def test_a_client_on_another_computer_joins_by_the_robots_endpoint() -> None:
+    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
+    with (
+        ZenohMesh("endpoints", topology(router=True, robot=endpoint)),
+        ZenohMesh("endpoints", topology(connect=endpoint)) as client,
+    ):
+        assert client.wait_joined(SOON)
+
+
+# Programs that end --------------------------------------------------------------------------------
 
 LEFT_OPEN = """
 import armadico
-joined = armadico.connect("test")
+joined = armadico.connect("left-open")
 guest = joined.__enter__()
 guest.latest(armadico.Pose)
 assert guest.wait_for(lambda: guest.alive, 10.0)
 raise ValueError("over")
 """
 
+NEVER_JOINED = """
+import armadico
+joined = armadico.connect("left-open")
+joined.__enter__().latest(armadico.Pose)
+raise ValueError("over")
+"""
 
-def test_a_program_that_ends_by_an_exception_ends_though_its_mesh_is_open(
-    join: Join, endpoints: str
-) -> None:
-    join().declare_alive("goto", "goto-1")
+
+def ends(program: str) -> bool:
+    """Whether a program that leaves its session open ends by its own exception."""
     ended = subprocess.run(
-        [sys.executable, "-c", LEFT_OPEN],
-        env={**os.environ, ENDPOINTS_VARIABLE: endpoints},
+        [sys.executable, "-c", program],
         capture_output=True,
         text=True,
         timeout=6 * SOON,
         check=False,
     )
-    assert ended.returncode == 1
-    assert ended.stderr.endswith("ValueError: over\n")
+    assert ended.stderr.endswith("ValueError: over\n"), ended.stderr
+    return ended.returncode == 1
+
+
+def test_a_program_that_ends_by_an_exception_ends_though_its_mesh_is_open(join: Join) -> None:
+    join("left-open").declare_alive("goto", "goto-1")
+    assert ends(LEFT_OPEN)
+
+
+def test_a_program_that_still_waits_for_its_router_ends() -> None:
+    assert ends(NEVER_JOINED)
+
+
+def test_a_program_that_waits_for_a_router_that_hangs_ends(spawn_router: SpawnRouter) -> None:
+    router = spawn_router("left-open")
+    router.send_signal(signal.SIGSTOP)
+    assert ends(NEVER_JOINED)
+    router.send_signal(signal.SIGCONT)
 
 
 def test_a_session_that_does_not_close_is_left_behind(join: Join) -> None:
@@ -84,3 +109,15 @@ def test_a_session_that_does_not_close_is_left_behind(join: Join) -> None:
     assert mesh.close(deadline=0.01) is False
     stuck.set()
     mesh._session = session
+
+
+def test_a_client_that_was_closed_before_it_joined_can_be_used_no_more() -> None:
+    mesh = ZenohMesh("never-joined", topology())
+    mesh.open()
+    mesh.close()
+    with pytest.raises(MeshError):
+        mesh.publish("robot/stop", Stop())
+    with pytest.raises(MeshError):
+        mesh.subscribe("encoder/pose", lambda _key, _data: None)
+    with pytest.raises(MeshError):
+        mesh.declare_alive("goto", "goto-1")

@@ -7,7 +7,7 @@ import sys
 from typing import ClassVar
 
 from armadico.core.agent import Agent, Question
-from armadico.core.messages import Message, Plan, PlanRequest, Pose, RobotState, Stop
+from armadico.core.messages import Claim, Message, Plan, PlanRequest, Pose, RobotState, Stop
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.process import identity, serve
@@ -43,7 +43,21 @@ class Hanging(Toy):
             pass
 
 
-KINDS: dict[str, type[Toy]] = {"calm": Toy, "broken": Broken, "hanging": Hanging}
+class Attentive(Toy):
+    """Subscribes to claims, which may be large."""
+
+    hears: ClassVar[tuple[type[Message], ...]] = (Stop, Claim)
+
+    def on_claim(self, claim: Claim) -> None:
+        """Nothing."""
+
+
+KINDS: dict[str, type[Toy]] = {
+    "calm": Toy,
+    "broken": Broken,
+    "hanging": Hanging,
+    "attentive": Attentive,
+}
 
 if __name__ == "__main__":
     logging.basicConfig(stream=sys.stderr)

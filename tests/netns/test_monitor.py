@@ -24,10 +24,10 @@ SOON = 60.0
 
 TABLE = """\
 [robot]
-endpoints = ["tcp/10.77.2.1:7447", "tcp/10.77.2.1:7448"]
+router = "tcp/10.77.2.1:7447"
 agents = ["robot", "encoder", "sonar", "monitor"]
 [lab]
-endpoints = ["tcp/10.77.2.2:7447", "tcp/10.77.2.2:7448"]
+address = "10.77.2.2"
 agents = ["goto", "avoid", "interface", "monitor"]
 """
 

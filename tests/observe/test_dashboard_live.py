@@ -24,8 +24,7 @@ from armadico.cli import main as armadico
 from armadico.cli.beside import beside
 from armadico.cli.options import FailedError
 from armadico.core import messages as m
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.dashboard import live, viewer
 from armadico.observe.screen import has_screen
@@ -38,10 +37,14 @@ FLOOD = 10_000
 
 
 @pytest.fixture
-def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[[], ZenohMesh]:
-    """A mesh of this test's own; gives what joins it."""
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
-    return lambda: ZenohMesh(NAMESPACE, topology())
+def router() -> Iterator[ZenohMesh]:
+    """The router that a robot agent would be."""
+    with ZenohMesh(NAMESPACE, topology(router=True)) as mesh:
+        yield mesh
+
+
+def client() -> ZenohMesh:
+    return ZenohMesh(NAMESPACE, topology())
 
 
 @contextmanager
@@ -102,13 +105,10 @@ def society(mesh: ZenohMesh) -> Iterator[Society]:
 
 
 @pytest.mark.live
-def test_it_serves_records_and_leaves_nothing_behind(
-    apart: Callable[[], ZenohMesh], tmp_path: Path
-) -> None:
+def test_it_serves_records_and_leaves_nothing_behind(router: ZenohMesh, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     with (
-        apart() as mesh,
-        society(mesh) as robot,
+        society(router) as robot,
         started("--web", "--web-port=0", "--no-open", f"--record={path}") as process,
     ):
         assert process.stdout is not None
@@ -129,9 +129,14 @@ def test_it_serves_records_and_leaves_nothing_behind(
 
 
 @pytest.mark.live
-def test_a_dashboard_that_hangs_is_not_felt(apart: Callable[[], ZenohMesh]) -> None:
-    """It is stopped while 20 MB are said, far more than links hold; everybody else hears."""
-    with apart() as mesh, apart() as other, started("--headless") as process:
+def test_a_dashboard_that_hangs_is_not_felt(router: ZenohMesh) -> None:
+    """It is stopped while one agent publishes 20 MB for it, far more than links hold."""
+    with (
+        client() as mapping,
+        client() as mesh,
+        client() as other,
+        started("--headless") as process,
+    ):
         assert process.stdout is not None
         assert process.stdout.readline().startswith(LINK)
         listener = Client(other)
@@ -142,7 +147,8 @@ def test_a_dashboard_that_hangs_is_not_felt(apart: Callable[[], ZenohMesh]) -> N
         process.send_signal(signal.SIGSTOP)
         try:
             for number in range(FLOOD):
-                mesh.publish("mapping/grid", m.OccupancyGrid(0.0, 0.0, 0.1, 40, 50, b"x" * 2000))
+                grid = m.OccupancyGrid(0.0, 0.0, 0.1, 40, 50, b"x" * 2000)
+                mapping.publish("mapping/grid", grid)
                 if number % 100 == 0:
                     command = m.Command("wheels", cycle(number), ballot(GOTO), (0.0, 0.0))
                     mesh.publish(f"robot/cmd/{GOTO}", command)
@@ -164,7 +170,7 @@ def publish_until_heard(mesh: ZenohMesh, listener: Client) -> None:
 
 @pytest.mark.live
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
-    apart: Callable[[], ZenohMesh], capsys: pytest.CaptureFixture[str]
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
     with beside(args, "dashboard", "sc1"):
@@ -177,7 +183,7 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
 
 @pytest.mark.live
 def test_a_run_waits_until_somebody_looks_and_its_dashboard_stays_until_ctrl_c(
-    apart: Callable[[], ZenohMesh], monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
     happened: list[str] = []
@@ -212,20 +218,18 @@ def test_a_viewer_is_who_is_connected_and_not_who_listens() -> None:
             assert viewer.watched(port)
 
 
-def test_beside_a_run_a_world_that_is_not_there_is_no_run(
-    apart: Callable[[], ZenohMesh],
-) -> None:
+def test_beside_a_run_a_world_that_is_not_there_is_no_run() -> None:
     args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
     with pytest.raises(FailedError, match="did not start"), beside(args, "dashboard", "nowhere"):
         pytest.fail("it has not started")
 
 
 def test_a_namespace_without_a_robot_is_said(
-    apart: Callable[[], ZenohMesh], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    router: ZenohMesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live, "ALONE_S", 0.0)
     said: list[str] = []
-    with apart() as mesh, drawn(tmp_path / "a.rrd") as scene:
+    with client() as mesh, drawn(tmp_path / "a.rrd") as scene:
         live.Live([mesh], [scene], said.append).run(ended=lambda: bool(said))
     assert said[0].startswith("no robot in namespace 'p'")
 

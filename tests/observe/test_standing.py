@@ -46,6 +46,17 @@ def test_the_chain_ends_at_the_agent_that_is_not_alive() -> None:
     assert "goto: no bid (no fresh sonar/obstacles)." in found.sentences
 
 
+def test_while_the_robots_router_cannot_be_reached_that_is_the_cause() -> None:
+    heard = Overheard().drive()
+    heard.view.router(there=False, t=heard.mesh.now)
+    found = standing(heard.view, heard.mesh.now + 4.0)
+    assert found.cause is not None
+    assert (found.cause.sort, found.cause.who) == (Sort.UNREACHABLE, "robot")
+    assert "for 4.0 s" in found.cause.what
+    heard.view.router(there=True, t=heard.mesh.now + 4.0)
+    assert heard.standing.cause is None
+
+
 def test_who_listens_since_lately_is_told_who_would_provide_what_is_lacking() -> None:
     """Whoever was gone before has left no card; the agents that are installed are known."""
     heard = Overheard().drive()

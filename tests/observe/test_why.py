@@ -91,6 +91,16 @@ def cut(sources: tuple[str, ...], targets: tuple[str, ...]) -> Callable[[Overhea
     return lambda heard: heard.mesh.cut(sources, targets)
 
 
+def lost_between(source: str, *targets: str) -> Callable[[Overheard], object]:
+    """The router between them forwards nothing to those: there is no link that could be cut."""
+
+    def plant(heard: Overheard) -> None:
+        for target in targets:
+            heard.mesh.link(source, target).up = False
+
+    return plant
+
+
 def late_to_the_encoder(heard: Overheard) -> None:
     nodes = heard.mesh.node("robot"), heard.mesh.node("encoder")
     heard.mesh.link(*(node.address for node in nodes)).faults = alike(WHOLE, delay=0.6)
@@ -214,8 +224,8 @@ INCIDENTS: dict[str, Incident] = {
     "commands beyond the limits": Incident(bids(50.0), Sort.REFUSED, "goto"),
     "another protocol": Incident(foreign, Sort.FOREIGN, "goto", seconds=6.0),
     "cut to the robot": Incident(cut(("goto",), ("robot",)), Sort.LINK, "goto -> robot"),
-    "cut to the behaviours": Incident(
-        cut(("encoder",), ("goto", "avoid")), Sort.LINK, "encoder -> avoid"
+    "lost on the way to the behaviours": Incident(
+        lost_between("encoder", "goto", "avoid"), Sort.LINK, "encoder -> avoid"
     ),
     "cut host": Incident(
         lambda heard: [heard.mesh.cut(BASE, LAB), heard.mesh.cut(LAB, BASE)],

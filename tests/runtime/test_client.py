@@ -9,8 +9,7 @@ import pytest
 
 import armadico
 from armadico.core.messages import Cycle, Log, Message, Pose
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, NAMESPACE_VARIABLE, topology
+from armadico.mesh.topology import NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
 
@@ -20,10 +19,9 @@ SOON = 20.0
 
 @pytest.fixture
 def encoder(monkeypatch: pytest.MonkeyPatch) -> Iterator[ZenohMesh]:
-    """Somebody who publishes poses, on a mesh of this test's own."""
-    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints(2))
+    """A process that publishes poses. It is the router of the namespace, too."""
     monkeypatch.setenv(NAMESPACE_VARIABLE, NAMESPACE)
-    with ZenohMesh(NAMESPACE, topology()) as mesh:
+    with ZenohMesh(NAMESPACE, topology(router=True)) as mesh:
         yield mesh
 
 

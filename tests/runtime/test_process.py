@@ -66,6 +66,9 @@ class Recorder(Agent):
     def on_disappeared(self, name: str, instance: str) -> None:
         self.seen.append(f"{name} went")
 
+    def on_router(self) -> None:
+        self.seen.append("reachable" if self.reachable else "cut off")
+
 
 def state(number: int) -> RobotState:
     return RobotState(Cycle(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
@@ -189,6 +192,45 @@ def test_who_came_and_went_while_it_was_busy_was_never_there() -> None:
     in_turn(host, news, agent.end)
     host.live()
     assert agent.seen == ["avoid came"]
+
+
+def test_an_agent_is_told_of_each_change_of_the_router_once() -> None:
+    agent = Recorder(identity("recorder"))
+    host, mesh = host_of(agent)
+    in_turn(
+        host,
+        lambda: mesh.router_changed(False),
+        lambda: [mesh.router_changed(there) for there in (False, True, False)],
+        lambda: mesh.router_changed(True),
+        agent.end,
+    )
+    host.live()
+    assert agent.seen == ["cut off", "reachable"]
+
+
+def test_an_agent_that_begins_without_the_router_knows_that_it_cannot_reach_it() -> None:
+    agent = Recorder(identity("recorder"))
+    host, mesh = host_of(agent)
+    mesh.reachable = False
+    in_turn(host, agent.end)
+    host.live()
+    assert not agent.reachable
+    assert agent.seen == ["cut off"]
+
+
+def test_a_process_waits_for_its_router_until_it_has_joined_or_is_to_end() -> None:
+    for event in ("joined", "ended"):
+        host, mesh = host_of(Recorder(identity("recorder")))
+        waiting = threading.Thread(target=host.wait_joined)
+        waiting.start()
+        waiting.join(0.1)
+        assert waiting.is_alive()
+        if event == "joined":
+            mesh.joined.set()
+        else:
+            host.request_stop()
+        waiting.join(SOON)
+        assert not waiting.is_alive()
 
 
 def test_it_answers_later_and_lets_go_of_the_oldest_of_too_many_questions() -> None:

@@ -147,7 +147,7 @@ def providers(service: Service) -> str:
     if service.message is Log or service.key.startswith(("agent/", "journal/")):
         return ALL
     if service.message is Stop:
-        return "any peer"
+        return "any process"
     if service.message is Stick:
         return "any hand"
     if service.message is Truth:

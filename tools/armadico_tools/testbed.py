@@ -9,15 +9,16 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
 from armadico.launch.processes import bound, kill_trees
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh import sockets
+from armadico.mesh.sockets import RUNTIME_VARIABLE
+from armadico.mesh.topology import topology
 from armadico_tools.hosts.namespaces import Network
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ WATCHER: Final = "watcher"
 
 
 class Place:
-    """This machine, with ports and a namespace of keys of its own.
+    """This machine, with a folder of sockets and a namespace of keys of its own.
 
     Every process that is started while it is entered finds its mesh.
     """
@@ -45,12 +46,13 @@ class Place:
         self.namespace = f"{name}-{os.getpid()}"
         self._stack = ExitStack()
         self._folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="armadico-bed-")))
+        # Of a short path, which a socket needs, wherever other temporary files are.
+        short = TemporaryDirectory(prefix="armadico-", dir="/tmp")
+        self._sockets = Path(self._stack.enter_context(short))
         self._processes: list[subprocess.Popen[Any]] = []
 
     def __enter__(self) -> Self:
-        before = os.environ.get(ENDPOINTS_VARIABLE)
-        os.environ[ENDPOINTS_VARIABLE] = private_endpoints()
-        self._stack.callback(_set_back, before)
+        self._stack.enter_context(sockets_in(self._folder))
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -83,17 +85,21 @@ class Place:
         """The options by which a process on that host joins, besides the namespace of the keys."""
         return ()
 
-    def mesh(self, *, passing: bool = True) -> ZenohMesh:
-        """An open session of a watcher.
-
-        Not `passing`, it listens on one of the well-known endpoints, as an agent does. A process
-        that comes alone finds it there.
-        """
+    def mesh(self, *, router: bool = False) -> ZenohMesh:
+        """An open session of a watcher, which may be the router where no robot agent is."""
         from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for the cheap figures
 
-        mesh = ZenohMesh(self.namespace, topology(passing=passing))
+        mesh = ZenohMesh(self.namespace, topology(router=router), starts=True)
         mesh.open()
         return mesh
+
+    def onlooker(self) -> ZenohMesh:
+        """An open session that receives from the simulator while there is no robot agent, too."""
+        return onlooker(self.namespace, self._sockets / WATCHER)
+
+    def joining_onlooker(self) -> tuple[str, ...]:
+        """The options by which a simulator is linked to it."""
+        return joining_onlooker(self.namespace, self._sockets / WATCHER)
 
     @property
     def watching(self) -> tuple[str, tuple[str, ...]]:
@@ -109,11 +115,56 @@ class Place:
         return self._folder / f"{name}.log"
 
 
-def _set_back(before: str | None) -> None:
-    if before is None:
-        del os.environ[ENDPOINTS_VARIABLE]
-    else:
-        os.environ[ENDPOINTS_VARIABLE] = before
+@contextmanager
+def sockets_in(folder: Path) -> Iterator[None]:
+    """What is opened or started meanwhile has its sockets in a folder, as on another computer."""
+    folder.mkdir(exist_ok=True)
+    before = os.environ.get(RUNTIME_VARIABLE)
+    os.environ[RUNTIME_VARIABLE] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[RUNTIME_VARIABLE]
+        else:
+            os.environ[RUNTIME_VARIABLE] = before
+
+
+def onlooker(namespace: str, folder: Path) -> ZenohMesh:
+    """An open session beside which a simulator can be watched while there is no robot agent.
+
+    It has a router of its own, whose socket is in `folder`: what is published there, it receives,
+    and passes on to the robot's society.
+    """
+    from armadico.mesh.base import Receiver  # noqa: PLC0415 - not for the cheap figures
+    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
+
+    class Onlooker(ZenohMesh):
+        def __init__(self) -> None:
+            super().__init__(namespace, topology(), starts=True)
+            self.beside = ZenohMesh(namespace, topology(router=True))
+
+        def open(self) -> None:
+            with sockets_in(folder):  # before the client looks for the robot's router
+                self.beside.open()
+            self.beside.subscribe("**", self.pass_on)
+            super().open()
+
+        def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = False) -> None:
+            super().subscribe(pattern, receiver, passed_on=passed_on)
+            self.beside.subscribe(pattern, receiver)
+
+        def close(self, deadline: float = 1.0) -> bool:
+            return self.beside.close(deadline) and super().close(deadline)
+
+    mesh = Onlooker()
+    mesh.open()
+    return mesh
+
+
+def joining_onlooker(namespace: str, folder: Path) -> tuple[str, ...]:
+    """The options by which a simulator is linked to the onlooker, and not to the robot's router."""
+    return "--connect", sockets.endpoint(folder / "armadico" / f"{sockets.stem(namespace)}.sock")
 
 
 class Namespaces(Place):
@@ -133,8 +184,10 @@ class Namespaces(Place):
         return self
 
     def popen(self, host: str, program: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
-        """Run a program on that host: in our environment, but all hosts share one disk here."""
-        own = {"TMPDIR": str(self._folder), "XDG_RUNTIME_DIR": str(self._folder)}
+        """Run a program on that host: in our environment, but with sockets of that host."""
+        own_folder = self._sockets / host
+        own_folder.mkdir(exist_ok=True)
+        own = {"TMPDIR": str(self._folder), RUNTIME_VARIABLE: str(own_folder)}
         plain = {k: v for k, v in os.environ.items() if not k.startswith("ARMADICO_")}
         return self.network.hosts[host].popen(program, env=plain | own, **options)
 
@@ -146,7 +199,7 @@ class Namespaces(Place):
         """The host's name and the table."""
         return ("--host", host, "--hosts", self._table.file)
 
-    def mesh(self, *, passing: bool = True) -> ZenohMesh:
+    def mesh(self, *, router: bool = False) -> ZenohMesh:
         """A session on the watcher's host.
 
         Zenoh's threads belong to the network of the first session that a process opens: this must
@@ -154,16 +207,29 @@ class Namespaces(Place):
         """
         from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
 
-        where = topology(connect=self._table.endpoints(), passing=passing)
-        mesh = ZenohMesh(self.namespace, where)
+        where = topology(router=router, connect=self._robots_router)
+        mesh = ZenohMesh(self.namespace, where, starts=True)
         self.inside(WATCHER, mesh.open)
         return mesh
+
+    def onlooker(self) -> ZenohMesh:
+        """A session on the watcher's host: the simulator is on the robot's."""
+        return self.mesh()
+
+    def joining_onlooker(self) -> tuple[str, ...]:
+        """As all others on the robot's host."""
+        return self.joining(self.hosts[0])
+
+    @property
+    def _robots_router(self) -> str:
+        router = self._table.robots_router
+        assert router is not None, "it is a table of several hosts"
+        return router
 
     @property
     def watching(self) -> tuple[str, tuple[str, ...]]:
         """The watcher's host, which is in no table."""
-        ends = self._table.endpoints()
-        return WATCHER, tuple(word for end in ends for word in ("--connect", end))
+        return WATCHER, ("--connect", self._robots_router)
 
     def kill(self) -> None:
         """End every process, and mend every link."""

@@ -80,7 +80,9 @@ class Live:
             self._dropped = self._watcher.dropped
         if t < ALONE_S:
             return
-        alone = {ns for ns, scene in self._scenes.items() if WHEELS.name not in scene.view.acks}
+        # A mesh without a robot agent reports that itself.
+        joined = [mesh.namespace for mesh in self._watcher.meshes if mesh.wait_joined(0.0)]
+        alone = {ns for ns in joined if WHEELS.name not in self._scenes[ns].view.acks}
         for namespace in sorted(alone - self._alone):
             self._warn(
                 f"no robot in namespace {namespace!r}; waiting for one (`armadico ps` lists alive"

@@ -100,6 +100,10 @@ class Robot:
             case HostShare() | ParametersReply() | ParameterChange():
                 self.known.take(key, message, t)
 
+    def router(self, *, there: bool, t: float) -> None:
+        """The robot's router can be reached, or cannot."""
+        self.view.router(there=there, t=t)
+
     def token(self, instance: str, *, there: bool, t: float) -> None:
         """A liveliness token came or went."""
         self.known.token(instance, there=there, t=t)

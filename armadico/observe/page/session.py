@@ -200,7 +200,13 @@ class Session:
             key = f"{robot.namespace} token/{instance}"
             self._inbox.put(key, lambda: robot.token(instance, there=there, t=at), keep=1)
 
+        def reached(there: bool) -> None:
+            at = self._time.now()
+            key = f"{robot.namespace} router"
+            self._inbox.put(key, lambda: robot.router(there=there, t=at), keep=1)
+
         mesh.watch_alive(changed)
+        mesh.watch_router(reached)
 
     def _receiver(self, robot: Robot, *, asked: bool) -> Receiver:
         def arrived(key: str, data: bytes) -> None:

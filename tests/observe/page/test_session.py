@@ -351,7 +351,8 @@ def test_why_it_stands_is_the_same_word_as_everywhere(stage: Stage) -> None:
     stage.pass_(0.2)
     assert (stage.parts["standing"]["sort"], stage.parts["standing"]["who"]) == ("stop", "page 1")
     stage.mesh.node("robot").kill()
-    stage.until(lambda: stage.parts["standing"]["sort"] == "absent")
+    stage.until(lambda: stage.parts["standing"]["sort"] == "unreachable")
+    assert stage.parts["standing"]["who"] == "robot"
 
 
 def test_agents_that_nobody_keeps_up_are_not_restarted_and_it_says_why(stage: Stage) -> None:

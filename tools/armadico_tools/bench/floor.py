@@ -2,14 +2,15 @@
 
 Run as a file, not as a module, so that it imports nothing but Zenoh:
 
-    floor.py token LISTEN CONNECT KEY       declare a liveliness token ("-": none)
+    floor.py token LISTEN CONNECT KEY       declare a liveliness token, unless KEY is "-"
     floor.py relay LISTEN CONNECT RULE...   answer samples by samples
     floor.py ends LISTEN CONNECT PORT RULE...
 
-LISTEN and CONNECT are endpoints, separated by commas, or "-". A RULE is "KEY" (it is received, no
-more) or "KEY>KEY:BYTES,KEY:BYTES": each sample is answered by these, within Zenoh's callback, with
-no queue, no thread and no decoding. `ends` also joins a TCP connection to the mesh: in its rules
-the key "tcp" stands for that. All live until their standard input is closed.
+LISTEN and CONNECT are endpoints, or "-": the process that listens is the router, as the robot agent
+is in a society, and one that connects is its client. A RULE is "KEY" (it is received, no more) or
+"KEY>KEY:BYTES,KEY:BYTES": each sample is answered by these, within Zenoh's callback, with no queue,
+no thread and no decoding. `ends` also joins a TCP connection to the mesh: in its rules the key
+"tcp" stands for that. All live until their standard input is closed.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ Put = Callable[[], object]
 
 
 def session(listen: str, connect: str) -> zenoh.Session:
-    """A peer with links over TCP, as the society's are."""
+    """The router that listens there, or a client of the one that is to be connected to."""
     config = zenoh.Config()
-    config.insert_json5("mode", json.dumps("peer"))
+    config.insert_json5("mode", json.dumps("client" if listen == "-" else "router"))
     config.insert_json5("scouting/multicast/enabled", "false")
     for condition in ("connect_scouted", "declares"):  # else opening waits for 0.5 s
         config.insert_json5(f"open/return_conditions/{condition}", "false")
-    config.insert_json5("listen/endpoints", json.dumps(_endpoints(listen)))
-    config.insert_json5("connect/endpoints", json.dumps(_endpoints(connect)))
+    config.insert_json5("listen/endpoints", json.dumps(_endpoint(listen)))
+    config.insert_json5("connect/endpoints", json.dumps(_endpoint(connect)))
     return zenoh.open(config)
 
 
@@ -82,8 +83,8 @@ class Relay:
                 put()
 
 
-def _endpoints(text: str) -> list[str]:
-    return [] if text == "-" else text.split(",")
+def _endpoint(text: str) -> list[str]:
+    return [] if text == "-" else [text]
 
 
 def main() -> None:

@@ -42,9 +42,8 @@ from armadico.core.messages import (
 )
 from armadico.launch.local import Launcher
 from armadico.launch.society import Options
-from armadico.mesh.ports import private_endpoints
 from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.processes import ready_floor
+from armadico_tools.bench.processes import floor_socket, ready_floor
 from armadico_tools.testbed import Place
 
 AGENTS: Final = ("encoder", "sonar", "goto", "interface")
@@ -242,16 +241,14 @@ def society(
 
 @contextmanager
 def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[BarePath]:
-    """Processes that follow these rules, all linked; the first has the TCP connection."""
-    ends = private_endpoints(len(rules)).split(",")
+    """Processes that follow these rules; the first is the router, and has the TCP connection."""
     with ExitStack() as stack:
+        router = stack.enter_context(floor_socket())
         listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
         port = str(listener.getsockname()[1])
         for index, own in enumerate(rules):
-            kind = ("relay",) if index else ("ends",)
-            where = (ends[index], ",".join(ends[:index]) or "-")
-            line = () if index else (port,)
-            stack.enter_context(ready_floor(*kind, *where, *line, *own))
+            words = ("relay", "-", router) if index else ("ends", router, "-", port)
+            stack.enter_context(ready_floor(*words, *own))
         connection, _ = listener.accept()
         stack.enter_context(connection)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -10,9 +10,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from armadico.launch.processes import end
+from armadico.mesh import sockets
 
 FLOOR: Final = Path(__file__).with_name("floor.py")
 
@@ -31,6 +33,13 @@ def started(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
         yield process
     finally:
         end(process)
+
+
+@contextmanager
+def floor_socket() -> Iterator[str]:
+    """A Unix socket for a router of the floor's and its clients, as an endpoint."""
+    with TemporaryDirectory(prefix="armadico-floor-") as folder:
+        yield sockets.endpoint(Path(folder) / "floor.sock")
 
 
 def floor(*arguments: str) -> list[str]:

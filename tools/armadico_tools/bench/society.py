@@ -14,7 +14,7 @@ from armadico.launch.local import Launcher
 from armadico.launch.processes import SIMULATOR
 from armadico.launch.society import Options
 from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.processes import ready_floor
+from armadico_tools.bench.processes import floor_socket, ready_floor
 from armadico_tools.testbed import Place
 
 SCENARIO: Final = "sc1"
@@ -105,11 +105,13 @@ def _use(name: str, process: psutil.Process, before: Any, wall: float) -> Use:
 
 
 def _bare_memory() -> list[tuple[float, float]]:
-    """Python with Zenoh open and nothing else: rss and uss, MB."""
+    """Python with Zenoh open and nothing else, clients of a router: rss and uss, MB."""
     sizes = []
     with ExitStack() as stack:
+        socket = stack.enter_context(floor_socket())
+        stack.enter_context(ready_floor("token", socket, "-", "-"))
         for _ in range(FLOORS):
-            process = stack.enter_context(ready_floor("token", "tcp/127.0.0.1:0", "-", "-"))
+            process = stack.enter_context(ready_floor("token", "-", socket, "-"))
             size = psutil.Process(process.pid).memory_full_info()
             sizes.append((size.rss / MEGA, size.uss / MEGA))
     return sizes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -14,7 +13,7 @@ from typing import Final
 
 from armadico.core.services import TOKEN
 from armadico.launch.processes import command_line
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.mesh import sockets
 from armadico_tools.bench.figures import Figure, Tell, figure
 from armadico_tools.bench.processes import floor, started
 from armadico_tools.testbed import Place
@@ -90,12 +89,12 @@ def start(quick: bool, tell: Tell) -> list[Figure]:
     """From starting the process to the token, the agent and the floor in turns."""
     rounds = 4 if quick else 12
     whole, bare = [], []
-    with Place("bench") as place, closing(place.mesh(passing=False)) as mesh:
+    with Place("bench") as place, closing(place.mesh(router=True)) as mesh:
         sightings = Sightings()
         mesh.watch_alive(sightings.changed)
         key = f"{place.namespace}/{TOKEN.format(name='floor', instance='floor-1')}"
         agent = command_line(["agent", "goto", "--namespace", place.namespace], tied=True)
-        bare_python = floor("token", "-", os.environ[ENDPOINTS_VARIABLE], key)
+        bare_python = floor("token", "-", sockets.endpoint(sockets.socket_of(place.namespace)), key)
 
         def once(name: str, command: Sequence[str]) -> float:
             began = time.monotonic()

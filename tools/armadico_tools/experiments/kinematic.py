@@ -212,14 +212,14 @@ class Band:
         self.mesh.ask(FleetRequest(self.tasks), take, namespace=name)
 
     def run(self, seconds: float) -> bool:
-        """Let time pass until all that are alive know that all is done; whether they do."""
+        """Let time pass until all that reach each other know that all is done; whether they do."""
         self.mesh.run(self.mesh.now + seconds, lambda: self.over)
         return self.over
 
     @property
     def over(self) -> bool:
-        """Whether all know that all is done."""
-        sharing = [self.fleet(name).sharing for name in self._agents]
+        """Whether all know that all is done, but those that are cut off without a robot agent."""
+        sharing = [self.fleet(name).sharing for name in self._agents if name in self._puppets]
         return bool(sharing) and all(one is not None and not one.open for one in sharing)
 
     @property

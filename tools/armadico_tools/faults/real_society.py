@@ -114,7 +114,7 @@ class RealSociety:
         self._sent_at = float("inf")  # when the last mission was asked for; inf: none is wanted
         self._goals = _goals(scenario)
         self._simulator: subprocess.Popen[bytes] | None = None
-        self._mesh = place.mesh()
+        self._mesh = place.onlooker()
         self._mesh.watch_alive(
             lambda _, instance, there: self._put(lambda at: self.account.token(at, instance, there))
         )
@@ -167,7 +167,7 @@ class RealSociety:
         """Start it, or start it again where it was."""
         host, namespace = self.host_of("robot"), self.place.namespace
         words = simulator_words(self._scenario, self._seed, namespace, self._sim_port)
-        words += self.place.joining(host)
+        words += self.place.joining_onlooker()
         self._simulator = self.place.start(host, "simulator", words)
 
     def kill_simulator(self) -> None:

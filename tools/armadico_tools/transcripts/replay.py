@@ -15,7 +15,7 @@ from armadico.core.driver import Driver
 from armadico.core.messages import Latched, Message, MessageError, decode
 from armadico.core.services import matches
 from armadico_tools.transcripts.agents import agent_of
-from armadico_tools.transcripts.tape import KINDS, Line, Transcript, fields_of, uttered
+from armadico_tools.transcripts.tape import KINDS, ROUTER, Line, Transcript, fields_of, uttered
 
 EXACT: Final = 2e-6
 """Tolerance for the times of our own agent's messages, s: rounding."""
@@ -129,6 +129,8 @@ class _Replay:
         elif what in {"replies", "no reply"}:
             question = self._questions[line["query"]]
             driver.replied(question, message_of(line) if what == "replies" else None, t)
+        elif what in ROUTER.values():
+            driver.router(what == ROUTER[True], t)
         else:
             _, name, instance = key.split("/")
             driver.token(name, instance, what == "appears", t)

@@ -85,6 +85,10 @@ def uttered(item: Output, label: str, t: float) -> Line | None:
     return {**line, "what": "appears"} if isinstance(item, Announce) else None
 
 
+ROUTER: Final = {True: "finds the router", False: "loses the router"}
+"""What befalls an agent's link to the robot's router."""
+
+
 class Tape:
     """Takes down a scene on a virtual mesh."""
 
@@ -186,12 +190,18 @@ class Recorder(Driver):
         self.label = label
         self.time = now
         self._tape = tape
+        self._begun = False
         self._ticks = ceil(now * 1e6)
 
     def _tick(self, now: float) -> float:
         self._ticks = max(ceil(now * 1e6), self._ticks + 1)
         self.time = self._ticks / 1e6
         return self.time
+
+    def begin(self, now: float) -> None:
+        """Begin; what befell its link before, an agent does not see."""
+        self._begun = True
+        super().begin(now)
 
     def wake(self, now: float) -> None:
         """Note the time, and wake the driver."""
@@ -231,6 +241,14 @@ class Recorder(Driver):
         if line is not None:
             line["to"][self.label] = t
         super().token(name, instance, alive, t)
+
+    def router(self, there: bool, now: float) -> None:
+        """Take the news of the robot's router."""
+        if self._begun:
+            now = self._tick(now)
+            line = {"t": now, "from": "", "what": ROUTER[there], "to": {self.label: now}}
+            self._tape.add(line)
+        super().router(there, now)
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Take a query."""

@@ -1,0 +1,123 @@
+"""The Unix sockets by which the processes of one computer find each other: one for each robot.
+
+They lie in a folder that is this user's alone, named after the robots' namespaces. A router that
+listens on one holds a lock beside it, so there is one router to a namespace, and a socket that a
+killed process has left behind is in nobody's way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import socket
+import stat
+import struct
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from armadico.mesh.topology import TopologyError
+
+RUNTIME_VARIABLE: Final = "XDG_RUNTIME_DIR"
+
+LONGEST: Final = 100
+"""Bytes of a path: the system takes 107, and the lock beside it has five more."""
+
+_ANSWER_S: Final = 0.5
+
+_SLASH: Final = "%2f"
+
+
+@dataclass(frozen=True)
+class Holder:
+    """The process that listens on a socket."""
+
+    pid: int
+    uid: int
+
+
+def folder() -> Path:
+    """Where the sockets are: this user's own. Raises TopologyError if it cannot be used."""
+    base = os.environ.get(RUNTIME_VARIABLE)
+    if base and os.access(base, os.W_OK):
+        path = Path(base) / "armadico"
+    else:
+        path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = path.stat()
+    except OSError as error:
+        raise TopologyError(
+            f"cannot make {path} for sockets: {error.strerror}; set {RUNTIME_VARIABLE} to a folder"
+            " that you may write to"
+        ) from None
+    if found.st_uid != os.getuid():
+        raise TopologyError(f"{path} belongs to another user; set {RUNTIME_VARIABLE}")
+    if stat.S_IMODE(found.st_mode) & 0o022:
+        raise TopologyError(
+            f"other users can write to {path}; expected mode 0700: chmod 700 {path}"
+        )
+    return path
+
+
+def socket_of(namespace: str) -> Path:
+    """The socket of a robot's router. Raises TopologyError if there is no room for its name."""
+    where = folder()
+    for name in (stem(namespace), _short(namespace)):
+        path = where / f"{name}.sock"
+        if len(os.fsencode(path)) <= LONGEST:
+            return path
+    raise TopologyError(
+        f"{path} is too long for a socket: {len(os.fsencode(path))} bytes, at most {LONGEST};"
+        f" set {RUNTIME_VARIABLE} to a shorter folder"
+    )
+
+
+def stem(name: str) -> str:
+    """A name as a part of a file's name; different names stay different."""
+    return re.sub(r"[^A-Za-z0-9_.-]", lambda found: f"%{ord(found[0]):02x}", name)
+
+
+def endpoint(path: Path) -> str:
+    """A socket as Zenoh has it."""
+    return f"unixsock-stream/{path}"
+
+
+def holder(path: Path) -> Holder | None:
+    """Which process listens on a socket; None if none does."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            probe.settimeout(_ANSWER_S)
+            probe.connect(str(path))
+            peer = probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    except OSError:
+        return None
+    pid, uid, _ = struct.unpack("3i", peer)
+    return Holder(pid, uid)
+
+
+# Robots of one fleet on one computer --------------------------------------------------------------
+
+
+def fleet_here(namespace: str) -> tuple[str, ...]:
+    """Where the routers of a robot's fleet listen on this computer now, its own too: endpoints."""
+    return tuple(endpoint(path) for path in fleet_sockets(namespace) if holder(path) is not None)
+
+
+def fleet_sockets(namespace: str) -> list[Path]:
+    """The sockets of the robots that share what lies beside this one's namespace, in use or not."""
+    fleet, slash, _ = namespace.rpartition("/")
+    begins = stem(fleet + slash), _short(namespace).rpartition(_SLASH)[0] + _SLASH
+
+    def is_of_it(name: str) -> bool:
+        return any(name.startswith(b) and "%" not in name.removeprefix(b) for b in begins)
+
+    return [path for path in sorted(folder().glob("*.sock")) if is_of_it(path.name)]
+
+
+def _short(namespace: str) -> str:
+    """A namespace as a short name, of which the first part is the fleet's."""
+    fleet, _, robot = namespace.rpartition("/")
+    return _SLASH.join(hashlib.sha256(part.encode()).hexdigest()[:10] for part in (fleet, robot))

@@ -1,0 +1,249 @@
+"""Which agents are reported as gone, and when, while the link to the router comes and goes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from armadico.mesh.presence import GRACE_S, Presence
+
+GOTO, AVOID = ("goto", "goto-1"), ("avoid", "avoid-1")
+
+
+class Process:
+    """A process's view of the mesh, and all that it has reported."""
+
+    def __init__(self, *, reachable: bool = False) -> None:
+        self.now = 0.0
+        self.news: list[Any] = []
+        self.alive: set[tuple[str, str]] = set()
+        self.presence = Presence(self._changed, self.news.append, reachable=reachable)
+
+    def _changed(self, name: str, instance: str, there: bool) -> None:
+        self.news.append(("+" if there else "-") + name)
+        (self.alive.add if there else self.alive.discard)((name, instance))
+
+    def link(self, up: bool = True) -> None:
+        self.presence.link(up, self.now)
+
+    def come(self, *agents: tuple[str, str]) -> None:
+        for name, instance in agents:
+            self.presence.token(name, instance, True)
+
+    def go(self, *agents: tuple[str, str]) -> None:
+        for name, instance in agents:
+            self.presence.token(name, instance, False)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass; `look` is called whenever it is due."""
+        end = self.now + seconds
+        while self.presence.due <= end:
+            self.now = max(self.presence.due, self.now)
+            self.presence.look(self.now)
+        self.now = end
+
+    def read(self) -> list[Any]:
+        """The news since the last reading."""
+        news = self.news[:]
+        self.news.clear()
+        return news
+
+
+@pytest.fixture
+def process() -> Process:
+    """A client that is linked to the router and has seen two agents."""
+    made = Process()
+    made.link()
+    made.come(GOTO, AVOID)
+    assert made.read() == [True, "+goto", "+avoid"]
+    return made
+
+
+# Examples -----------------------------------------------------------------------------------------
+
+
+def test_the_router_is_reachable_while_there_is_a_link_and_each_change_is_reported_once() -> None:
+    process = Process()
+    assert not process.presence.reachable
+    for up in (False, True, True, False, False, True):
+        process.link(up)
+        assert process.presence.reachable == up
+    assert process.read() == [True, False, True]
+
+
+def test_an_agent_that_goes_while_the_router_is_reachable_is_reported_at_once(
+    process: Process,
+) -> None:
+    process.go(GOTO)
+    assert process.read() == ["-goto"]
+    process.come(GOTO)
+    assert process.read() == ["+goto"]
+
+
+def test_the_same_token_is_reported_once(process: Process) -> None:
+    process.come(GOTO)
+    process.go(GOTO)
+    process.go(GOTO)
+    assert process.read() == ["-goto"]
+
+
+@pytest.mark.parametrize("tokens_go", [False, True])
+def test_no_agent_is_reported_as_gone_while_the_router_cannot_be_reached(
+    process: Process, tokens_go: bool
+) -> None:
+    process.link(False)
+    if tokens_go:
+        process.go(GOTO, AVOID)
+    process.wait(3600.0)
+    assert process.read() == [False]
+    assert process.alive == {GOTO, AVOID}
+
+
+def test_agents_that_come_back_in_time_are_never_reported(process: Process) -> None:
+    process.link(False)
+    process.wait(5.0)
+    process.link()
+    process.wait(0.9 * GRACE_S)
+    process.come(GOTO, AVOID)
+    process.wait(3600.0)
+    assert process.read() == [False, True]
+
+
+def test_an_agent_that_does_not_come_back_is_reported_when_the_grace_period_ends(
+    process: Process,
+) -> None:
+    process.link(False)
+    process.wait(5.0)
+    process.link()
+    process.come(AVOID)
+    process.wait(GRACE_S - 0.01)
+    assert process.read() == [False, True]
+    process.wait(0.02)
+    assert process.read() == ["-goto"]
+
+
+def test_an_agent_that_goes_within_the_grace_period_is_reported_at_its_end(
+    process: Process,
+) -> None:
+    process.link(False)
+    process.link()
+    process.come(GOTO, AVOID)
+    process.go(AVOID)
+    assert process.read() == [False, True]
+    process.wait(GRACE_S + 0.01)
+    assert process.read() == ["-avoid"]
+
+
+def test_a_second_loss_of_the_router_begins_the_grace_period_anew(process: Process) -> None:
+    process.link(False)
+    process.link()
+    process.wait(0.9 * GRACE_S)
+    process.link(False)
+    process.wait(10.0)
+    process.link()
+    process.wait(GRACE_S - 0.01)
+    assert process.read() == [False, True, False, True]
+    process.wait(0.02)
+    assert process.read() == ["-avoid", "-goto"]
+
+
+def test_the_robots_router_is_reachable_from_the_beginning_and_reports_at_once() -> None:
+    router = Process(reachable=True)
+    assert router.presence.reachable
+    router.come(GOTO)
+    router.go(GOTO)
+    assert router.read() == ["+goto", "-goto"]
+
+
+# Any order of events ------------------------------------------------------------------------------
+
+AGENTS = st.sampled_from([("a", "a-1"), ("a", "a-2"), ("b", "b-1")])
+
+
+class AnyOrder(RuleBasedStateMachine):
+    """The link and agents that come and go in any order, and time that passes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.process = Process()
+        self.up = False
+        self.there: set[tuple[str, str]] = set()  # since the link came up
+
+    @rule(up=st.booleans())
+    def link(self, up: bool) -> None:
+        if self.up and not up:
+            self.there.clear()
+        self.up = up
+        self.process.link(up)
+        self._check_reports()
+
+    @rule(agent=AGENTS)
+    def come(self, agent: tuple[str, str]) -> None:
+        self.there.add(agent)
+        self.process.come(agent)
+        self._check_reports()
+
+    @rule(agent=AGENTS)
+    def go(self, agent: tuple[str, str]) -> None:
+        self.there.discard(agent)
+        self.process.go(agent)
+        self._check_reports()
+
+    @rule(seconds=st.sampled_from([0.01, 0.5, GRACE_S * 1.1]))
+    def wait(self, seconds: float) -> None:
+        self.process.wait(seconds)
+        self._check_reports()
+
+    def _check_reports(self) -> None:
+        for news in self.process.read():
+            if isinstance(news, bool):
+                assert news == self.up
+            else:
+                assert news.startswith("+") or self.up, "gone, though the router is out of reach"
+        assert self.process.presence.reachable == self.up
+
+    @invariant()
+    def every_agent_that_is_there_counts_as_alive(self) -> None:
+        assert self.there <= self.process.alive
+
+    @precondition(lambda self: self.up)
+    @rule()
+    def in_the_end_every_agent_that_has_gone_is_reported(self) -> None:
+        self.process.wait(GRACE_S + 0.001)
+        self._check_reports()
+        assert self.process.alive == self.there
+
+
+TestAnyOrder = AnyOrder.TestCase
+
+
+@given(
+    lost=st.floats(0.0, 100.0),
+    back=st.dictionaries(st.sampled_from("abcd"), st.floats(0.0, 2 * GRACE_S)),
+)
+def test_exactly_the_agents_that_are_too_late_are_reported_once(
+    lost: float, back: dict[str, float]
+) -> None:
+    assume(all(abs(after - GRACE_S) > 1e-6 for after in back.values()))
+    process = Process()
+    process.link()
+    agents = [(name, name) for name in "abcd"]
+    process.come(*agents)
+    process.read()
+    process.link(False)
+    process.go(*agents)
+    process.wait(lost)
+    process.link()
+    start = process.now
+    for name, after in sorted(back.items(), key=lambda item: item[1]):
+        process.wait(start + after - process.now)
+        process.come((name, name))
+    process.wait(start + 3 * GRACE_S - process.now)
+    end = start + GRACE_S
+    late = {name for name in "abcd" if start + back.get(name, 9.0) > end}
+    gone = [news for news in process.read() if str(news).startswith("-")]
+    assert sorted(gone) == sorted(f"-{name}" for name in late)
