@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import socket
 import sys
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from ctypes.util import find_library
@@ -444,7 +443,9 @@ def clocks(offsets: Mapping[str, float | None]) -> Finding:
 def _host(name: str, host: Host) -> Finding:
     if host.router is None:
         return Finding(f"host {name}", OK, "connects to the robot's router")
-    if _answers(host.router):
+    from armadico.mesh.sockets import answers  # noqa: PLC0415 - not for --help
+
+    if answers(host.router, REACH_S):
         return Finding(f"host {name}", OK, f"answers on {host.router}")
     return Finding(
         f"host {name}",
@@ -452,16 +453,3 @@ def _host(name: str, host: Host) -> Finding:
         f"nobody answers on {host.router}",
         f"is it up there (armadico up --host {name})? does a firewall stand between?",
     )
-
-
-def _answers(endpoint: str) -> bool:
-    """Whether something listens there; of links over UDP that cannot be told by connecting."""
-    protocol, _, rest = endpoint.partition("/")
-    address, _, port = rest.rpartition(":")
-    if protocol in ("udp", "quic"):
-        return True
-    try:
-        with socket.create_connection((address.strip("[]"), int(port)), timeout=REACH_S):
-            return True
-    except OSError:
-        return False

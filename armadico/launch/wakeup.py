@@ -178,7 +178,7 @@ class Wakeup(DeviceAgent):
         self._held: list[str] = []  # labels
         self._slow = False
         self._hold_until, self._holds = 0.0, 0
-        self._cut_at: float | None = None  # when the robot's router could not be reached any more
+        self._cut_at = inf  # when the robot's router could not be reached any more
         self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
 
     # Who is there --------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ class Wakeup(DeviceAgent):
     def on_start(self) -> None:
         """Say at once what is kept up here."""
         self._heard_at = self.now + HEARD_S
-        self._cut_at = None if self.reachable else self.now
+        self._cut_at = inf if self.reachable else self.now
         self._tell()
 
     def on_appeared(self, name: str, instance: str) -> None:
@@ -206,7 +206,7 @@ class Wakeup(DeviceAgent):
 
     def on_router(self) -> None:
         """Whoever has begun meanwhile can only be seen from now on, and others' shares come now."""
-        self._cut_at = None if self.reachable else self.now
+        self._cut_at = inf if self.reachable else self.now
         if self.reachable:
             self._heard_at = self.now + HEARD_S
             for process in self._kept.values():
@@ -462,7 +462,8 @@ class Wakeup(DeviceAgent):
         times = slower(self._load)
         start_s = START_S * times * (PATIENT if self._slow else 1)
         for label, process in self._kept.items():
-            if self._is_router(process) and self._hangs(process, ROUTER_S * times):
+            up = process.state is KeptState.UP and process.pid
+            if self._is_router(process) and up and self.now - self._cut_at >= ROUTER_S * times:
                 self._cut_at = self.now
                 self._kill(label, f"it accepts no links, for {ROUTER_S * times:.0f} s")
             elif not self.reachable and not self._is_router(process):
@@ -479,11 +480,6 @@ class Wakeup(DeviceAgent):
 
     def _is_router(self, process: _Process) -> bool:
         return self.p.router in process.agents
-
-    def _hangs(self, router: _Process, after_s: float) -> bool:
-        """Whether the robot agent's process is up, and has accepted no link for so long."""
-        up = router.state is KeptState.UP and router.pid and self._cut_at is not None
-        return bool(up and self.now - (self._cut_at or 0.0) >= after_s)
 
     def _keep_up(self) -> None:
         """Hold back what the robot can do without while this machine cannot keep up."""

@@ -24,6 +24,7 @@ class Presence:
 
     Attributes:
         reachable: Whether this process is linked to the robot's router, or is that.
+        told: The agents that are there, as far as it was reported: name and instance.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class Presence:
         self.reachable = reachable
         self._changed, self._router_changed = changed, router_changed
         self._there: set[tuple[str, str]] = set()
-        self._told: set[tuple[str, str]] = set()
+        self.told: set[tuple[str, str]] = set()
         self._look_at = inf
 
     @property
@@ -57,7 +58,7 @@ class Presence:
         self.reachable = up
         if not up:
             self._there.clear()
-        self._look_at = now + GRACE_S if up and self._told else inf
+        self._look_at = now + GRACE_S if up and self.told else inf
         self._router_changed(up)
 
     def token(self, name: str, instance: str, there: bool) -> None:
@@ -75,10 +76,10 @@ class Presence:
         """Report who has gone, once it is due."""
         if now >= self._look_at:
             self._look_at = inf
-            for who in sorted(self._told - self._there):
+            for who in sorted(self.told - self._there):
                 self._tell(who, False)
 
     def _tell(self, who: tuple[str, str], there: bool) -> None:
-        if there != (who in self._told):
-            (self._told.add if there else self._told.discard)(who)
+        if there != (who in self.told):
+            (self.told.add if there else self.told.discard)(who)
             self._changed(*who, there)

@@ -1,8 +1,8 @@
-"""The Unix sockets by which the processes of one computer find each other: one for each robot.
+"""The sockets of routers: on one computer a Unix socket for each robot, else an endpoint.
 
-They lie in a folder that is this user's alone, named after the robots' namespaces. A router that
-listens on one holds a lock beside it, so there is one router to a namespace, and a socket that a
-killed process has left behind is in nobody's way.
+Unix sockets lie in a folder that is this user's alone, named after the robots' namespaces. A router
+that listens on one holds a lock beside it, so there is one router to a namespace, and a socket that
+a killed process has left behind is in nobody's way.
 """
 
 from __future__ import annotations
@@ -96,6 +96,22 @@ def holder(path: Path) -> Holder | None:
         return None
     pid, uid, _ = struct.unpack("3i", peer)
     return Holder(pid, uid)
+
+
+def answers(endpoint: str, within: float) -> bool:
+    """Whether a router's port accepts connections, within so many s.
+
+    Only protocols over TCP tell; of others it is assumed.
+    """
+    protocol, _, place = endpoint.partition("#")[0].partition("/")
+    address, _, port = place.rpartition(":")
+    if protocol not in ("tcp", "tls", "ws"):
+        return True
+    try:
+        socket.create_connection((address.strip("[]"), int(port)), within).close()
+    except OSError:
+        return False
+    return True
 
 
 # Robots of one fleet on one computer --------------------------------------------------------------

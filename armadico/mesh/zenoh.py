@@ -17,7 +17,6 @@ import atexit
 import json
 import logging
 import os
-import socket
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -40,6 +39,7 @@ from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
+from armadico.mesh.sockets import answers
 from armadico.mesh.topology import FLEET, MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
@@ -152,7 +152,6 @@ class ZenohMesh(Reader, Monotonic):
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._watchers: list[Changed] = []
         self._router_watchers: list[Callable[[bool], None]] = []
-        self._told: set[tuple[str, str]] = set()
         self._presence = Presence(self._changed, self._router_changed, reachable=where.router)
         self._fleet: FleetLinks | None = None
         self._timer: threading.Timer | None = None
@@ -250,7 +249,7 @@ class ZenohMesh(Reader, Monotonic):
         path = self._socket() if self._where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        answering = list(filter(_answers, self._where.connect))
+        answering = [there for there in self._where.connect if answers(there, PROBE_S)]
         if not answering:
             self._joining = ""
         return any(self._join(there, there) for there in answering)
@@ -478,7 +477,7 @@ class ZenohMesh(Reader, Monotonic):
         with self._lock:
             first = not self._watchers
             self._watchers.append(changed)
-            for who in sorted(self._told):
+            for who in sorted(self._presence.told):
                 changed(*who, True)
         if first:
             where, root = self._placed(TOKEN.format(name="*", instance="*"))
@@ -548,7 +547,6 @@ class ZenohMesh(Reader, Monotonic):
             self._wait_for_due()
 
     def _changed(self, name: str, instance: str, there: bool) -> None:
-        (self._told.add if there else self._told.discard)((name, instance))
         for changed in self._watchers:
             changed(name, instance, there)
 
@@ -664,19 +662,6 @@ class FleetLinks:
                 break
             routers.append(other.router)
         return link.router not in routers
-
-
-def _answers(endpoint: str) -> bool:
-    """Whether somebody accepts connections there. Only TCP tells; of others it is assumed."""
-    protocol, _, place = endpoint.partition("#")[0].partition("/")
-    address, _, port = place.rpartition(":")
-    if protocol not in ("tcp", "tls"):
-        return True
-    try:
-        socket.create_connection((address.strip("[]"), int(port)), PROBE_S).close()
-    except OSError:
-        return False
-    return True
 
 
 def _close(session: zenoh.Session) -> None:

@@ -62,6 +62,23 @@ def once(band: Band, count: int) -> bool:
     return len(doers) == count and all(len(by) == 1 for by in doers.values())
 
 
+def held_at_30_s(band: Band, name: str) -> set[int]:
+    """The tasks that a robot has taken on by then."""
+    band.mesh.run(30.0)
+    sharing = band.fleet(name).sharing
+    assert sharing is not None
+    held = set(sharing.mine)
+    assert held
+    return held
+
+
+def done_without(band: Band, robot: str, held: set[int]) -> None:
+    """All is done, each once, and what a robot held by others too."""
+    assert band.run(400.0)
+    assert once(band, 9)
+    assert all(not held & {t} or by != {robot} for t, by in band.doers.items())
+
+
 @pytest.mark.parametrize("robots", [1, 2, 3])
 def test_who_is_given_a_list_tells_the_others_and_each_task_is_done_once(robots: int) -> None:
     band = at_work(robots)
@@ -81,44 +98,28 @@ def test_more_robots_are_sooner_done() -> None:
 
 def test_a_robot_that_dies_gives_its_tasks_back() -> None:
     band = at_work()
-    band.mesh.run(30.0)
-    sharing = band.fleet("f/r2").sharing
-    assert sharing is not None
-    held = set(sharing.mine)
-    assert held
+    held = held_at_30_s(band, "f/r2")
     band.kill("f/r2")
-    assert band.run(400.0)
-    assert once(band, 9)
-    assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
+    done_without(band, "r2", held)
 
 
 def test_a_robot_that_can_do_nothing_gives_its_tasks_back_while_its_fleet_agent_lives() -> None:
     band = at_work()
-    sharing = band.fleet("f/r2").sharing
-    assert sharing is not None
-    band.mesh.run(30.0)
-    held = set(sharing.mine)
-    assert held
+    held = held_at_30_s(band, "f/r2")
     band.puppet("f/r2").dumb = True
     band.mesh.run(38.0)
+    sharing = band.fleet("f/r2").sharing
+    assert sharing is not None
     assert not sharing.mine
-    assert band.run(400.0)
-    assert once(band, 9)
-    assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
+    done_without(band, "r2", held)
 
 
 def test_the_tasks_of_a_robot_without_a_robot_agent_are_done_by_the_others() -> None:
     """Its fleet agent lives, and reaches no other robot."""
     band = at_work()
-    sharing = band.fleet("f/r2").sharing
-    assert sharing is not None
-    band.mesh.run(30.0)
-    held = set(sharing.mine)
-    assert held
+    held = held_at_30_s(band, "f/r2")
     band.kill_puppet("f/r2")
-    assert band.run(400.0)
-    assert once(band, 9)
-    assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
+    done_without(band, "r2", held)
 
 
 def test_who_comes_late_is_told_and_takes_its_share() -> None:
