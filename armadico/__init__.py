@@ -11,61 +11,9 @@ What others build on is imported from here, and nothing else is promised to stay
 
 TYPE_CHECKING = False  # by this name type checkers know it; `typing` would cost more than all here
 if TYPE_CHECKING:
-    from armadico.config.discovery import UnknownNameError
-    from armadico.config.errors import ConfigError
-    from armadico.config.scenarios import Scenario
-    from armadico.core.agent import Agent, DeviceAgent, Identity, Question
-    from armadico.core.behaviour import Behaviour
-    from armadico.core.exchange import Bid
-    from armadico.core.messages import (
-        Ack,
-        Ask,
-        Ballot,
-        BidHistory,
-        BidRecord,
-        Card,
-        Cell,
-        Claim,
-        Command,
-        Cycle,
-        Description,
-        Echo,
-        Latched,
-        LocalMap,
-        Log,
-        Message,
-        MessageError,
-        MissionReply,
-        MissionRequest,
-        MissionState,
-        MissionStatus,
-        Obstacles,
-        Origin,
-        Parameter,
-        ParametersReply,
-        Plan,
-        Planned,
-        PlanRequest,
-        PlanStep,
-        PlanTask,
-        Point,
-        Pose,
-        RobotState,
-        Sonar,
-        Stick,
-        Stop,
-        SubplanRequest,
-        TeleopStatus,
-        Trajectory,
-        Truth,
-        Waypoint,
-    )
-    from armadico.core.parameters import Parameters, Safety
-    from armadico.core.planner import Planner, Surprise
-    from armadico.core.resources import PLANNER, WHEELS, Resource
-    from armadico.core.route import Route
-    from armadico.core.services import Kind, Service, register
-    from armadico.core.tasks import (
+    from armadico.agents.missions.messages import PlanStep, SubplanRequest
+    from armadico.agents.missions.planner import Planner, Surprise
+    from armadico.agents.missions.task import (
         Beliefs,
         Charge,
         Done,
@@ -78,8 +26,61 @@ if TYPE_CHECKING:
         Stand,
         Task,
     )
+    from armadico.agents.teleop.messages import Stick, TeleopStatus
+    from armadico.config.discovery import UnknownNameError
+    from armadico.config.errors import ConfigError
+    from armadico.config.scenarios import Scenario
+    from armadico.core.agent import Agent, DeviceAgent, Identity, Question
+    from armadico.core.exchange import Bid
+    from armadico.core.messages import (
+        Ack,
+        Ask,
+        Ballot,
+        BidHistory,
+        BidRecord,
+        Card,
+        Claim,
+        Command,
+        Cycle,
+        Description,
+        Latched,
+        Log,
+        Message,
+        MessageError,
+        Parameter,
+        ParametersReply,
+        Point,
+        RobotState,
+        Stop,
+    )
+    from armadico.core.parameters import Parameters, Safety
+    from armadico.core.resources import WHEELS, Resource
+    from armadico.core.services import Kind, Service, register
     from armadico.launch.api import Holding, Run, run
     from armadico.mesh.topology import MeshError, TopologyError
+    from armadico.mobile.behaviour import Behaviour
+    from armadico.mobile.messages import (
+        Cell,
+        Echo,
+        LocalMap,
+        MissionReply,
+        MissionRequest,
+        MissionState,
+        MissionStatus,
+        Origin,
+        Plan,
+        Planned,
+        PlanRequest,
+        PlanTask,
+        Pose,
+        Sonar,
+        Trajectory,
+        Truth,
+        Waypoint,
+    )
+    from armadico.mobile.obstacles import Obstacles
+    from armadico.mobile.resources import PLANNER
+    from armadico.mobile.route import Route
     from armadico.observe.measures import Mark, Result
     from armadico.runtime.client import Client, Mission, connect
     from armadico.runtime.errors import (
@@ -187,28 +188,104 @@ __all__ = [
 ]
 
 _MODULES = {
+    "agents.missions.messages": (
+        "PlanStep",
+        "SubplanRequest",
+    ),
+    "agents.missions.planner": (
+        "Planner",
+        "Surprise",
+    ),
+    "agents.missions.task": (
+        "Beliefs",
+        "Charge",
+        "Done",
+        "Drive",
+        "Explore",
+        "Failed",
+        "Going",
+        "Progress",
+        "Reach",
+        "Stand",
+        "Task",
+    ),
+    "agents.teleop.messages": (
+        "Stick",
+        "TeleopStatus",
+    ),
     "config.discovery": ("UnknownNameError",),
     "config.errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
-    "core.agent": ("Agent", "DeviceAgent", "Identity", "Question"),
-    "core.behaviour": ("Behaviour",),
-    "core.exchange": ("Bid",),
-    "core.parameters": ("Parameters", "Safety"),
-    "core.planner": ("Planner", "Surprise"),
-    "core.resources": ("PLANNER", "WHEELS", "Resource"),
-    "core.route": ("Route",),
-    "core.services": ("Kind", "Service", "register"),
-    "core.tasks": (
-        *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress"),
-        *("Reach", "Stand", "Task"),
+    "core.agent": (
+        "Agent",
+        "DeviceAgent",
+        "Identity",
+        "Question",
     ),
-    "launch.api": ("Holding", "Run", "run"),
-    "mesh.topology": ("MeshError", "TopologyError"),
-    "observe.measures": ("Mark", "Result"),
-    "runtime.client": ("Client", "Mission", "connect"),
+    "core.exchange": ("Bid",),
+    "core.parameters": (
+        "Parameters",
+        "Safety",
+    ),
+    "core.resources": (
+        "WHEELS",
+        "Resource",
+    ),
+    "core.services": (
+        "Kind",
+        "Service",
+        "register",
+    ),
+    "launch.api": (
+        "Holding",
+        "Run",
+        "run",
+    ),
+    "mesh.topology": (
+        "MeshError",
+        "TopologyError",
+    ),
+    "mobile.behaviour": ("Behaviour",),
+    "mobile.messages": (
+        "Cell",
+        "Echo",
+        "LocalMap",
+        "MissionReply",
+        "MissionRequest",
+        "MissionState",
+        "MissionStatus",
+        "Origin",
+        "Plan",
+        "Planned",
+        "PlanRequest",
+        "PlanTask",
+        "Pose",
+        "Sonar",
+        "Trajectory",
+        "Truth",
+        "Waypoint",
+    ),
+    "mobile.obstacles": ("Obstacles",),
+    "mobile.resources": ("PLANNER",),
+    "mobile.route": ("Route",),
+    "observe.measures": (
+        "Mark",
+        "Result",
+    ),
+    "runtime.client": (
+        "Client",
+        "Mission",
+        "connect",
+    ),
     "runtime.errors": (
-        *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
-        *("AgentFailedError", "ParameterError", "RunFailedError", "StopError"),
+        "AbsentError",
+        "AgentFailedError",
+        "MissionRefusedError",
+        "MissionReplacedError",
+        "ParameterError",
+        "RunFailedError",
+        "SocietyError",
+        "StopError",
     ),
 }
 """Where names are defined; all others are in `core.messages`."""

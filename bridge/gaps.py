@@ -14,8 +14,8 @@ from math import degrees, inf, radians, sin
 
 from armadico.bridge.reflex import TOUCH_M, reaction_s
 from armadico.config.profile import RobotProfile
-from armadico.core.messages import Scan
-from armadico.core.motion import braking
+from armadico.mobile.messages import Scan
+from armadico.mobile.motion import braking
 
 SHARE = 0.75
 """Of the robot's width: what is this wide is met by a ray before the robot meets it. Chosen: with

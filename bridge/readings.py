@@ -10,9 +10,10 @@ from math import cos, sin
 
 from armadico.bridge.session import Reported, Swept
 from armadico.config.profile import RobotProfile, Ros2Robot, SonarRing
-from armadico.core.geometry import Pose2
-from armadico.core.messages import Cycle, Echo, Message, Scan, Sonar
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle, Message
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Echo, Scan, Sonar
+from armadico.mobile.scans import message_of
 
 SILENT = 4
 """Without a reading for so many cycles a sensor is said to be silent."""

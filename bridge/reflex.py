@@ -18,10 +18,10 @@ import numpy as np
 
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
-from armadico.core.geometry import Pose2, to_world
-from armadico.core.messages import Echo
-from armadico.core.motion import braking
-from armadico.core.scans import Floats
+from armadico.mobile.geometry import Pose2, to_world
+from armadico.mobile.messages import Echo
+from armadico.mobile.motion import braking
+from armadico.mobile.scans import Floats
 
 KEPT_S = 0.5
 """A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes

@@ -35,7 +35,6 @@ from armadico.config.profile import P2osRobot, Ros2Robot, load_profile, profiles
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
-from armadico.core.geometry import wrap
 from armadico.core.hands import Hand, keeps_motors_off
 from armadico.core.messages import (
     LABEL,
@@ -45,17 +44,16 @@ from armadico.core.messages import (
     Line,
     LogEvent,
     Message,
-    Origin,
     Point,
     RobotState,
-    Scan,
-    Sonar,
     Stop,
     TopSpeed,
     line,
 )
 from armadico.core.resources import WHEELS, Resource
-from armadico.core.scans import points_of
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Origin, Scan, Sonar
+from armadico.mobile.scans import points_of
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""

@@ -17,8 +17,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.core.geometry import Pose2
 from armadico.core.messages import Line
+from armadico.mobile.geometry import Pose2
 
 
 class Pose(Struct, frozen=True):
@@ -30,7 +30,7 @@ class Pose(Struct, frozen=True):
 
 
 class Swept(Struct, frozen=True):
-    """A laser's newest scan, as its driver said it; `armadico.core.scans` knows what to make of it.
+    """A laser's newest scan, as its driver gives it; `armadico.mobile.scans` reads it.
 
     Angles are about the laser's own axis, as it is mounted.
     """

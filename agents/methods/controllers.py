@@ -34,7 +34,7 @@ from armadico.agents.methods.geometry import (
     distance,
 )
 from armadico.core.fuzzy import Far, Near, weights
-from armadico.core.geometry import wrap
+from armadico.mobile.geometry import wrap
 
 EXACT_RAD, EXACT_RAD_S = 0.015, 0.06
 """Whose heading is uncertain does not stop at the edge of what is good: it turns on no slower than

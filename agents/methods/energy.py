@@ -21,7 +21,7 @@ from msgspec import Meta, Struct
 
 from armadico.agents.methods.geometry import Posed, direction, distance
 from armadico.config.profile import RobotProfile
-from armadico.core.geometry import wrap
+from armadico.mobile.geometry import wrap
 
 STANDING_M_S = 0.003
 """A slower rim rests: it is noise."""

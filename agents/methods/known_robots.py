@@ -16,8 +16,8 @@ from math import ceil, hypot, sqrt
 from typing import Final
 
 from armadico.agents.methods.near import Obstacle
-from armadico.core.geometry import Pose2, compose, relative
-from armadico.core.messages import COVARIANCE, FleetPose
+from armadico.mobile.geometry import Pose2, compose, relative
+from armadico.mobile.messages import COVARIANCE, FleetPose
 
 OLD_S: Final = 2.0
 """So long a robot's word is believed."""

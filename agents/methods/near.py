@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.settings import NearSettings
-from armadico.core.swept_path import Outline
+from armadico.mobile.swept_path import Outline
 
 NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import hypot
 from typing import Final
 
-from armadico.core.geometry import Pose2, wrap
-from armadico.core.messages import InitialPose, RobotState
+from armadico.core.messages import RobotState
+from armadico.mobile.geometry import Pose2, wrap
+from armadico.mobile.messages import InitialPose
 
 ROLLED_M: Final = 3.0
 """So far may a robot have come between two robot agents: a second of driving until the last status

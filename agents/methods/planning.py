@@ -23,7 +23,7 @@ from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.errors import ConfigError
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
-from armadico.core.geometry import wrap
+from armadico.mobile.geometry import wrap
 
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """How far before and after a door its waypoints lie: the first distance that has room."""

@@ -18,8 +18,10 @@ from armadico.config.discovery import providers
 from armadico.mesh.topology import MeshError, TopologyError
 
 if TYPE_CHECKING:
+    from armadico.agents.supervision.messages import MonitorReport
     from armadico.config.hosts import Host
-    from armadico.core.messages import BatteryLevel, Card, MonitorReport, Pose, RobotState
+    from armadico.core.messages import Card, RobotState
+    from armadico.mobile.messages import BatteryLevel, Pose
     from armadico.observe.standing import Standing
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
@@ -386,7 +388,7 @@ def monitors(reports: Iterable[MonitorReport]) -> Iterator[Finding]:
 
 def pose(known: Pose) -> Finding:
     """How well the robot knows where it is."""
-    from armadico.core.behaviour import LOST_M  # noqa: PLC0415 - not for --help
+    from armadico.mobile.behaviour import LOST_M  # noqa: PLC0415 - not for --help
 
     if not known.covariance:
         todo = "with an agent that localizes it on a map it would be known"

@@ -100,7 +100,7 @@ class Reason:
 
 def _sent(client: Client, args: argparse.Namespace) -> Mission:
     """The mission; a society that is only starting is waited for. Raises SocietyError."""
-    from armadico.core.messages import Pose  # noqa: PLC0415 - not for --help
+    from armadico.mobile.messages import Pose  # noqa: PLC0415 - not for --help
     from armadico.runtime.errors import AbsentError, MissionRefusedError  # noqa: PLC0415
 
     client.listen(Pose)
@@ -121,7 +121,7 @@ def _sent(client: Client, args: argparse.Namespace) -> Mission:
 
 def _starts(client: Client, args: argparse.Namespace) -> bool:
     """Whether a refusal may be due to agents that are still to come: no pose, or no planner."""
-    from armadico.core.messages import PlanRequest, Pose, Waypoint  # noqa: PLC0415
+    from armadico.mobile.messages import PlanRequest, Pose, Waypoint  # noqa: PLC0415
 
     pose = client.fresh(Pose)
     if pose is None or args.direct:

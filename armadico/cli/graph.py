@@ -80,9 +80,9 @@ class Graph:
 
 def graph(cards: Iterable[Card]) -> Graph:
     """The graph of those who have these cards."""
-    from armadico.core.services import SERVICES, Kind  # noqa: PLC0415 - not for --help
+    from armadico.core.services import Kind, services  # noqa: PLC0415 - not for --help
 
-    queries = {service.key for service in SERVICES if service.kind is Kind.QUERY}
+    queries = {service.key for service in services() if service.kind is Kind.QUERY}
     agents: set[str] = set()
     edges: set[tuple[str, str]] = set()
     for card in cards:

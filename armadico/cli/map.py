@@ -53,7 +53,7 @@ def parser() -> argparse.ArgumentParser:
 def save(client: Client, file: Path) -> str:
     """Write the map to a file; a line about it. Raises AbsentError, FailedError or ConfigError."""
     from armadico.config import grid_map  # noqa: PLC0415 - heavy
-    from armadico.core.messages import MapRequest, OccupancyGrid  # noqa: PLC0415 - heavy
+    from armadico.mobile.messages import MapRequest, OccupancyGrid  # noqa: PLC0415 - heavy
     from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
 
     grid = client.ask(MapRequest(), ANSWER_S, patience=FIND_S)

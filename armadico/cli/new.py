@@ -147,7 +147,7 @@ def _next(name: str, which: str, where: Path, written: list[str]) -> str:
     run = f"armadico run {DRIVES} --virtual --with {name}"
     if which == "planner":  # of which there is one at a time
         from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-        from armadico.core.resources import PLANNER  # noqa: PLC0415
+        from armadico.mobile.resources import PLANNER  # noqa: PLC0415
 
         run += "".join(f" --without {other}" for other in owners(society().agents, PLANNER))
     rows = [

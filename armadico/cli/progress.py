@@ -12,7 +12,7 @@ from armadico.cli import options
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
-    from armadico.core.messages import ExploreStatus, StepResult
+    from armadico.agents.missions.messages import ExploreStatus, StepResult
     from armadico.observe.measures import RunWatch
 
 LINE_S: Final = 2.0

@@ -63,7 +63,7 @@ def main(argv: Sequence[str]) -> int:
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
-            from armadico.cli import fleet  # noqa: PLC0415 - not for --help
+            from armadico.agents.fleet import command as fleet  # noqa: PLC0415 - not for --help
 
             return fleet.drive(args, scenario, chosen)
         for option, given in ("--replace", args.replace), (f"--robots {args.robots}", args.robots):

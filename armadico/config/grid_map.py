@@ -28,7 +28,7 @@ from armadico.config.occupancy import (
 )
 from armadico.config.worlds import Segment, World
 from armadico.config.writing import write_files, written_first
-from armadico.core.messages import OccupancyGrid
+from armadico.mobile.messages import OccupancyGrid
 
 States = NDArray[np.uint8]
 

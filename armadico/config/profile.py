@@ -18,19 +18,9 @@ from msgspec.structs import replace
 from armadico.config.errors import ConfigError
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import find, names
-from armadico.core.geometry import Pose2, turning_circle
-from armadico.core.messages import (
-    RAYS,
-    REACH_M,
-    Length,
-    Name,
-    Patience,
-    Period,
-    Place,
-    Ramp,
-    TopSpeed,
-    TopTurn,
-)
+from armadico.core.messages import Length, Name, Patience, Period, Place, Ramp, TopSpeed, TopTurn
+from armadico.mobile.geometry import Pose2, turning_circle
+from armadico.mobile.messages import RAYS, REACH_M
 
 NEVER_S = 60.0
 """The longest that the mesh can tell of a watchdog: of a robot that has none."""

@@ -16,12 +16,12 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
+from armadico.agents.missions.mission_file import Mission, load_mission
 from armadico.config.discovery import AGENTS, UnknownNameError
 from armadico.config.discovery import find as find_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
-from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path

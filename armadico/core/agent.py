@@ -32,8 +32,7 @@ from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.latched import Memory
 from armadico.core.messages import Message
 from armadico.core.resources import Resource, declare, differently
-from armadico.core.services import CARD, Kind, latched, service_of
-from armadico.core.surroundings import Surroundings
+from armadico.core.services import CARD, Gathering, Kind, latched, service_of
 
 M = TypeVar("M", bound=Message)
 
@@ -191,7 +190,6 @@ class Agent:
         self.reachable = True  # whether the robot's router can be reached
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self._latest: dict[type[Message], Message] = {}
-        self._surroundings = Surroundings()  # by all sensors that the robot has
         self._inputs = tuple(service_of(kind).pattern for kind in self.needs)
         self._takers: dict[type[Message], Callable[[Any], bool]] = {
             m.RobotState: self._take_state,
@@ -199,10 +197,12 @@ class Agent:
             m.Claim: self._take_claim,
             m.Command: self._take_command,
             m.Ack: self._take_ack,
-            m.Obstacles: self._take_obstacles,
             **{service.message: self._take_latched for service in latched()},
         }
         listened = {subscription.message for subscription in self.subscriptions()}
+        self._gatherings: dict[type[Message], Gathering] = {  # of several publishers
+            kind: gather() for kind in listened if (gather := service_of(kind).gather) is not None
+        }
         self._handlers = {kind: self._handler(kind) for kind in (*listened, *self.answers)}
         self._unsound = False  # what it proposed in this turn
         self._alarm: float | None = None
@@ -402,13 +402,16 @@ class Agent:
         self.now = now
         kind = type(message)
         take = self._takers.get(kind)
-        if not (self._newer(message, self._latest.get(kind)) if take is None else take(message)):
-            return
-        if kind is m.Obstacles:
-            around = self._surroundings.take(cast("m.Obstacles", message))
-            if around is None:
+        gathering = self._gatherings.get(kind)
+        if gathering is not None:
+            if not (gathering.counts(message) and self._newer(message, gathering.newest(message))):
                 return
-            message = around
+            gathered = gathering.update(message)
+            if gathered is None:
+                return
+            message = gathered
+        elif not (take(message) if take else self._newer(message, self._latest.get(kind))):
+            return
         self._latest[kind] = message
         handler = self._handlers.get(kind)
         if handler is not None:
@@ -416,6 +419,13 @@ class Agent:
         for resource in self._reactions.get(kind, ()):
             if self._begins_turn(resource, message):
                 self._turn(resource, message)
+
+    def accepted(self, message: Message) -> bool:
+        """Whether a message is the newest that its publisher's have brought."""
+        gathering = self._gatherings.get(type(message))
+        if gathering is not None:
+            return gathering.newest(message) is message
+        return self._latest.get(type(message)) is message
 
     def remember(self, message: m.Latched, now: float) -> None:
         """Take a latched state before it has begun."""
@@ -639,12 +649,9 @@ class Agent:
 
     def _take_description(self, description: m.Description) -> bool:
         self.cycles.period = description.cycle_s
-        self._surroundings.describe(description.sensors)
+        for gathering in self._gatherings.values():
+            gathering.describe(description)
         return True
-
-    def _take_obstacles(self, obstacles: m.Obstacles) -> bool:
-        before = self._surroundings.newest(obstacles.sensor)
-        return self._surroundings.counts(obstacles.sensor) and self._newer(obstacles, before)
 
     def _take_claim(self, claim: m.Claim) -> bool:
         if claim.ballot.instance in self.foreign:
@@ -777,15 +784,11 @@ class Agent:
 
     def _lacks(self, kind: type[Message]) -> str:
         """The key on which something fresh should have come."""
-        key = service_of(kind).key
-        return (
-            key
-            if kind is not m.Obstacles
-            else key.format(name=self._surroundings.lacking(self._usable))
-        )
-
-    def _usable(self, cycle: m.Cycle) -> bool:
-        return self.cycles.fresh(cycle, service_of(m.Obstacles).fresh_cycles)
+        service, gathering = service_of(kind), self._gatherings.get(kind)
+        if gathering is None:
+            return service.key
+        within = service.fresh_cycles
+        return service.key.format(name=gathering.missing(lambda c: self.cycles.fresh(c, within)))
 
     def _in_time(self, message: Any) -> bool:
         """Whether it may be acted upon, by the table of services."""

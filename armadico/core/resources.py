@@ -7,16 +7,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final
 
-from armadico.core.messages import (
-    LARGEST,
-    Action,
-    Message,
-    MessageError,
-    PlanTask,
-    Way,
-    decode,
-    encode,
-)
+from armadico.core.installed import load_all
+from armadico.core.messages import LARGEST, Action, Message, MessageError, decode, encode
 
 LEAST_SILENCE_S: Final = 0.3
 """Without a valid command for so long the owner rests a resource, unless that says otherwise."""
@@ -172,7 +164,8 @@ def differently(theirs: Iterable[str], ours: Iterable[str]) -> tuple[str, str] |
 
 
 def declared(name: str) -> Resource | None:
-    """The resource of a name, if anybody in this process has declared it."""
+    """The resource of a name, if it is declared by what is installed or has been imported."""
+    load_all()
     return _declared.get(name)
 
 
@@ -186,20 +179,3 @@ WHEELS = declare(
     )
 )
 """The robot's motion. The robot agent owns the port and obeys whoever holds this."""
-
-TRAJECTORY = declare(
-    Resource(
-        name="trajectory",
-        message=Way,
-        exchange="merging",
-        period_s=0.5,
-        silence_s=30.0,  # who starts again within this finds its way still driven
-        stops=False,
-    )
-)
-"""Where the robot is driven. The interface agent has it driven for whoever holds this."""
-
-PLANNER = declare(
-    Resource(name="planner", message=PlanTask, exchange="abrupt", period_s=0.2, stops=False)
-)
-"""The path planning agent's attention: it plans for whoever holds this."""

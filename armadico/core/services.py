@@ -1,21 +1,25 @@
-"""The table of services: which message goes by which key, how often, and how long it is good for.
+"""The table of services: which message goes by which key, how often, and how long it is fresh.
 
-Freshness checks and the protocol page are drawn from it. Who provides and who requests a service
-is not here: that is read from the agents' classes and from the cards of those that are alive. An
-agent that brings a message of its own adds its row with `register`. A resource needs no row: its
-keys come from its declaration (`armadico.core.resources.Resource`).
+Freshness checks and the protocol page are drawn from it. Here are the framework's own rows; every
+other message has its row beside it, added when its module is imported. The modules of a package
+that has messages are named by its entry points in the group `armadico.messages`, and the whole
+table (`services`) reads all that are installed. Which agents provide and request a service is
+not here: that is in their classes and on their cards. A resource needs no row: its keys come from
+its declaration (`armadico.core.resources.Resource`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from math import inf
-from typing import Final
+from typing import Any, Final, Protocol
 
 from armadico.core import messages as m
 from armadico.core.cycles import PERIOD
+from armadico.core.installed import load_all
 from armadico.core.resources import declared
 
 QUIET_S: Final = 0.5
@@ -31,6 +35,25 @@ class Kind(Enum):
     QUERY = "query"  # answered when asked
 
 
+class Gathering(Protocol):
+    """Makes one message of the newest messages of several publishers."""
+
+    def describe(self, description: m.Description) -> None:
+        """Take which publishers the robot has."""
+
+    def counts(self, message: Any) -> bool:
+        """Whether its publisher is one of them."""
+
+    def newest(self, message: Any) -> m.Message | None:
+        """The newest message by the publisher of this one."""
+
+    def update(self, message: Any) -> m.Message | None:
+        """Take one that is newer than its publisher's last; all in one, None if any is missing."""
+
+    def missing(self, fresh: Callable[[m.Cycle], bool]) -> str:
+        """The name of the first publisher without a fresh message; empty if there is none."""
+
+
 @dataclass(frozen=True)
 class Service:
     """One row. `key` holds {instance}, {name} or {resource} where it differs between publishers."""
@@ -43,6 +66,8 @@ class Service:
     meaning: str
     reply: type[m.Message] | None = None
     watchers_only: bool = False
+    gather: Callable[[], Gathering] | None = None
+    """Makes one message of those of several publishers: an agent is given that one."""
 
     @property
     def pattern(self) -> str:
@@ -72,97 +97,10 @@ class Service:
 
 _S, _E, _L, _Q = Kind.STATE, Kind.EVENT, Kind.LATCHED, Kind.QUERY
 
-SERVICES: tuple[Service, ...] = (
+_rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
-    Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the cycle before"),
-    Service(m.Scan, "robot/scan", _S, 10, 3, "the laser's newest scan"),
     Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; anyone may"),
-    Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
-    Service(m.Origin, "encoder/origin", _L, 1, None, "where the odometry's origin lies"),
-    Service(m.InitialPose, "encoder/initial", _E, None, None, "where the robot stands, by people"),
-    Service(m.Correction, "localization/correction", _S, 10, 3, "where it lies by map and sonars"),
-    Service(m.Particles, "localization/particles", _S, 2, 3, "places where the robot may be"),
-    Service(m.Obstacles, "{name}/obstacles", _S, 10, 3, "what is near, by one sensor; body frame"),
-    Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
-    Service(m.OccupancyGrid, "mapping/grid", _S, 1, None, "the map made by driving"),
-    Service(
-        m.MapRequest, "mapping/request", _Q, None, None, "the same, now", reply=m.OccupancyGrid
-    ),
-    Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),
-    Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
-    Service(m.Planned, "path/planned", _E, None, None, "what the planner's holder asked for"),
-    Service(
-        m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
-    ),
-    Service(
-        m.MissionStatus,
-        "mission/status",
-        _S,
-        1,
-        None,
-        "how far the mission has come; 5 Hz under way",
-    ),
-    Service(
-        m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
-    ),
-    Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
-    Service(m.Stick, "teleop/stick", _E, 10, 3, "where a hand has the stick"),
-    Service(m.TeleopStatus, "teleop/status", _S, 1, 3, "whose hand drives; 10 Hz while one does"),
-    Service(m.FleetPose, "fleet/{robot}/pose", _S, 5, None, "a robot, for the others to keep off"),
-    Service(
-        m.FleetPassages, "fleet/{robot}/passages", _E, 2, None, "narrow places that a robot holds"
-    ),
-    Service(m.FleetTasks, "fleet/tasks", _E, None, None, "the list that a fleet works on"),
-    Service(m.FleetClaims, "fleet/{robot}/claims", _E, 1, None, "tasks that a robot holds; done"),
-    Service(m.FleetRequest, "tasks/request", _Q, None, None, "do these tasks", reply=m.FleetReply),
-    Service(m.FleetBoard, "tasks/board", _L, None, None, "the list, and what of it is done"),
-    Service(m.FleetStatus, "tasks/status", _S, 1, None, "how far it is, and what the robot holds"),
-    Service(m.HostShare, "wakeup/{instance}/share", _S, 1, None, "what a host keeps up, and could"),
-    Service(
-        m.WakeupRequest,
-        "wakeup/{instance}",
-        _Q,
-        None,
-        None,
-        "start, restart or end an agent on a host",
-        reply=m.WakeupReply,
-    ),
-    Service(m.MonitorReport, "monitor/{instance}", _S, 1, None, "who is missing, and who acts"),
-    Service(m.BatteryLevel, "battery/level", _S, 0.2, None, "the battery; oftener towards 10 V"),
-    Service(m.BatteryAlarm, "battery/alarm", _E, None, None, "it has to be charged soon"),
-    Service(m.EnergyRequest, "battery/enough", _Q, None, None, "will it do?", reply=m.EnergyReply),
-    Service(
-        m.ChargeStatus, "battery/charging", _S, 1, 3, "what the charger does; 10 Hz in the dock"
-    ),
-    Service(m.ChargeRequest, "battery/charge", _Q, None, None, "charge it", reply=m.MissionReply),
-    Service(m.Alarm, "alarm", _E, None, None, "an alarm in a room; anyone may say so"),
-    Service(m.MissionOrder, "mission/order", _Q, None, None, "do a mission", reply=m.MissionReply),
-    Service(
-        m.MissionCancel, "mission/cancel", _Q, None, None, "leave one be", reply=m.MissionReply
-    ),
-    Service(
-        m.MissionProposal,
-        "mission/proposal",
-        _Q,
-        None,
-        None,
-        "the interface agent passes an order on",
-        reply=m.MissionReply,
-    ),
-    Service(
-        m.MissionWithdrawal,
-        "mission/withdrawal",
-        _Q,
-        None,
-        None,
-        "and a cancellation",
-        reply=m.MissionReply,
-    ),
-    Service(m.Board, "mission/board", _L, 1, None, "the missions, and how far they have come"),
-    Service(m.SubplanRequest, "mission/subplan", _E, None, None, "asks the planner agents"),
-    Service(m.Subplan, "mission/subplan/answer", _E, None, None, "what a planner agent would do"),
-    Service(m.Photo, "mission/photo", _E, None, None, "a photo that a mission had taken"),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
@@ -179,16 +117,6 @@ SERVICES: tuple[Service, ...] = (
         reply=m.ParametersReply,
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "it was changed"),
-    Service(
-        m.AssistantRequest,
-        "assistant/request",
-        _Q,
-        None,
-        None,
-        "a program asks for something",
-        reply=m.AssistantReply,
-    ),
-    Service(m.AssistantRecord, "assistant/record", _E, None, None, "what a program asked for"),
     Service(m.Tuning, "tuning", _L, None, None, "all that was changed so, remembered"),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
     Service(
@@ -209,17 +137,14 @@ SERVICES: tuple[Service, ...] = (
         "a piece of it again, while it is kept",
         reply=m.JournalPiece,
     ),
-    Service(
-        m.Truth, "sim/truth", _S, 10, None, "the simulated robot's true pose", watchers_only=True
-    ),
-)
+]
 
 _by_message: dict[type[m.Message], Service] = {
-    service.message: service for service in SERVICES if service.message is not m.Ask
+    service.message: service for service in _rows if service.message is not m.Ask
 }
 
-CARD = next(s for s in SERVICES if s.key.endswith("/card"))
-BIDS = next(s for s in SERVICES if s.key.endswith("/bids"))
+CARD = next(s for s in _rows if s.key.endswith("/card"))
+BIDS = next(s for s in _rows if s.key.endswith("/bids"))
 TOKEN = "agent/{name}/{instance}"
 """The liveliness token's key: who is alive."""
 
@@ -229,8 +154,65 @@ def register(service: Service) -> Service:
     known = _by_message.get(service.message)
     if known is not None and known != service:
         raise ValueError(f"{service.message.__name__} already travels on {known.key}")
+    if known is None:
+        _rows.append(service)
     _by_message[service.message] = service
     return service
+
+
+def services() -> tuple[Service, ...]:
+    """The whole table: the rows of all messages that are installed or have been imported."""
+    load_all()
+    return tuple(_rows)
+
+
+def state(
+    message: type[m.Message],
+    key: str,
+    rate_hz: float,
+    fresh_cycles: int | None,
+    meaning: str,
+    *,
+    watchers_only: bool = False,
+    gather: Callable[[], Gathering] | None = None,
+) -> Service:
+    """Add a row of which the newest replaces the one before."""
+    return register(
+        Service(
+            message,
+            key,
+            Kind.STATE,
+            rate_hz,
+            fresh_cycles,
+            meaning,
+            watchers_only=watchers_only,
+            gather=gather,
+        )
+    )
+
+
+def event(
+    message: type[m.Message],
+    key: str,
+    meaning: str,
+    *,
+    rate_hz: float | None = None,
+    fresh_cycles: int | None = None,
+) -> Service:
+    """Add a row of which each message counts."""
+    return register(Service(message, key, Kind.EVENT, rate_hz, fresh_cycles, meaning))
+
+
+def latch(
+    message: type[m.Latched], key: str, meaning: str, *, rate_hz: float | None = None
+) -> Service:
+    """Add a row of which every agent keeps the newest (`armadico.core.latched`)."""
+    return register(Service(message, key, Kind.LATCHED, rate_hz, None, meaning))
+
+
+def query(message: type[m.Message], key: str, reply: type[m.Message], meaning: str) -> Service:
+    """Add a row of a request that is answered."""
+    return register(Service(message, key, Kind.QUERY, None, None, meaning, reply=reply))
 
 
 def service_of(message: type[m.Message]) -> Service:
@@ -246,7 +228,7 @@ def service_of(message: type[m.Message]) -> Service:
 
 def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     """All rows of a message type; most have one. Raises KeyError if there is none."""
-    rows = tuple(service for service in SERVICES if service.message is message)
+    rows = tuple(service for service in _rows if service.message is message)
     return rows or (service_of(message),)
 
 
@@ -263,12 +245,12 @@ def service_at(key: str) -> Service | None:
 
 @cache
 def _row_at(key: str) -> Service | None:
-    return next((service for service in SERVICES if matches(service.pattern, key)), None)
+    return next((service for service in services() if matches(service.pattern, key)), None)
 
 
 def latched() -> tuple[Service, ...]:
     """The rows of all latched states that are known."""
-    return tuple(s for s in _by_message.values() if s.kind is Kind.LATCHED)
+    return tuple(s for s in services() if s.kind is Kind.LATCHED)
 
 
 def matches(pattern: str, key: str) -> bool:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from armadico.config.scenarios import Scenario, load_scenario
-from armadico.core.geometry import Pose2
-from armadico.core.messages import OccupancyGrid
 from armadico.launch.society import Options, prepared
 from armadico.mesh.topology import several
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import OccupancyGrid
 from armadico.observe.measures import Mark, Result, RunWatch
 
 if TYPE_CHECKING:

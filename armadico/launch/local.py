@@ -14,7 +14,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from armadico.config.scenarios import Scenario
-from armadico.core.messages import MissionStatus
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.processes import (
     SIMULATOR,
@@ -28,6 +27,7 @@ from armadico.launch.processes import (
 )
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
+from armadico.mobile.messages import MissionStatus
 from armadico.observe.measures import UNDER_WAY, Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 

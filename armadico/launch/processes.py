@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     import psutil
 
     from armadico.config.scenarios import Scenario
-    from armadico.core.geometry import Pose2
     from armadico.launch.society import Member
+    from armadico.mobile.geometry import Pose2
 
 START_S: Final = 20.0
 """What the processes may take to start."""

@@ -12,26 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
+from armadico.agents.missions.messages import Alarm, BoardMission
 from armadico.config.discovery import agent_class, owners
 from armadico.config.scenarios import AlarmAt, Scenario, mission_of
 from armadico.config.worlds import bare, load_world
 from armadico.core.agent import WARNING
-from armadico.core.behaviour import Behaviour
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import (
-    Alarm,
-    BoardMission,
-    Claim,
-    Correction,
-    Log,
-    LogEvent,
-    Message,
-    Pose,
-    RobotState,
-)
+from armadico.core.messages import Claim, Log, LogEvent, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.launch.society import LIVE, Options, errand, names, time_limit, watch
 from armadico.mesh.base import Mesh
+from armadico.mobile.behaviour import Behaviour
+from armadico.mobile.messages import Correction, Pose
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
 from armadico.runtime.errors import RunFailedError

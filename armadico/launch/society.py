@@ -16,12 +16,13 @@ from pathlib import Path
 from msgspec import to_builtins
 from msgspec.structs import replace
 
+from armadico.agents.missions.messages import ExploreRequest, MissionOrder
+from armadico.agents.missions.mission_file import Mission
+from armadico.agents.supervision.needs import minimum, needs, tasks
 from armadico.config.discovery import AGENTS, agent_class, find, installed, owners
 from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
-from armadico.config.missions import Mission
-from armadico.config.needs import minimum, needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -42,9 +43,9 @@ from armadico.config.scenarios import (
 from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
-from armadico.core.messages import ExploreRequest, MissionOrder, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.topology import DEFAULT_NAMESPACE
+from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
 

@@ -10,6 +10,7 @@ from random import Random
 
 from msgspec.structs import replace
 
+from armadico.agents.supervision.wakeup import Do, Event, Parameters, Wakeup, lines, orders
 from armadico.config.discovery import SIMULATORS, agent_class, find, owners
 from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
@@ -29,7 +30,6 @@ from armadico.launch.society import (
     share,
     spare,
 )
-from armadico.launch.wakeup import Do, Event, Parameters, Wakeup, lines, orders
 from armadico.mesh.virtual import Device, Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession

@@ -14,8 +14,9 @@ from contextlib import suppress
 from typing import Final, NamedTuple, Protocol
 
 from armadico.core.hands import remedy
-from armadico.core.messages import Message, MissionRequest, MissionState, MissionStatus, RobotState
+from armadico.core.messages import Message, RobotState
 from armadico.mesh.base import Mesh
+from armadico.mobile.messages import MissionRequest, MissionState, MissionStatus
 from armadico.observe.translators import Sample, Translator
 from armadico.runtime.client import Client, Mission
 from armadico.runtime.errors import SocietyError

@@ -28,9 +28,10 @@ from armadico.config.grid_map import Cells
 from armadico.config.loading import load_parameters
 from armadico.config.profile import RobotProfile
 from armadico.core.agent import Agent, Identity, Publish
-from armadico.core.geometry import STOOD, Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Cycle, Echo, Message, Pose, RobotState, Scan
+from armadico.core.messages import Cycle, Message, RobotState
 from armadico.core.services import service_of
+from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
+from armadico.mobile.messages import Correction, Echo, Pose, Scan
 from armadico.observe.logs import Log, LogError
 
 Floats = NDArray[np.float64]

@@ -28,9 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
-from armadico.core.geometry import STOOD, Pose2, compose, relative
-from armadico.core.messages import Cycle, Description, Message, RobotState, Scan, Sonar, Truth
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle, Description, Message, RobotState
+from armadico.mobile.geometry import STOOD, Pose2, compose, relative
+from armadico.mobile.messages import Scan, Sonar, Truth
+from armadico.mobile.scans import message_of
 from armadico.observe.recordings import Past, RecordingError
 
 Floats = NDArray[np.float64]

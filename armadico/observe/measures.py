@@ -15,31 +15,28 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.core.geometry import Pose2, to_world, wrap
-from armadico.core.messages import (
-    Ack,
-    BatteryLevel,
+from armadico.agents.missions.messages import (
     Board,
     BoardMission,
-    Claim,
-    Command,
-    Description,
     ExploreState,
     ExploreStatus,
-    Message,
     MissionEnd,
+    StepResult,
+)
+from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState
+from armadico.core.resources import WHEELS
+from armadico.mobile.geometry import Pose2, to_world, wrap
+from armadico.mobile.messages import (
+    BatteryLevel,
     MissionState,
     MissionStatus,
     OccupancyGrid,
     Pose,
-    RobotState,
     Scan,
     Sonar,
-    StepResult,
     Trajectory,
     Truth,
 )
-from armadico.core.resources import WHEELS
 from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
 
@@ -346,7 +343,7 @@ class RunWatch:
         here = self.here
         if here is None:
             return
-        from armadico.core.scans import points_of  # noqa: PLC0415 - with numpy, for a laser alone
+        from armadico.mobile.scans import points_of  # noqa: PLC0415 - with numpy, for a laser alone
 
         with suppress(ValueError):
             points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()

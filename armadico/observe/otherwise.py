@@ -15,9 +15,10 @@ from typing import Any
 from msgspec import msgpack
 
 from armadico.core import journal as j
-from armadico.core.geometry import Pose2, compose, relative
-from armadico.core.messages import Action, BidRecord, Pose, RobotState
+from armadico.core.messages import Action, BidRecord, RobotState
 from armadico.core.resources import WHEELS
+from armadico.mobile.geometry import Pose2, compose, relative
+from armadico.mobile.messages import Pose
 from armadico.observe.recordings import Row
 from armadico.observe.replay import Replay
 

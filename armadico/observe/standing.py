@@ -18,21 +18,14 @@ from typing import Final
 from msgspec import Struct
 
 from armadico.core.agent import WARNING
-from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
 from armadico.core.hands import release
-from armadico.core.messages import (
-    PROTOCOL,
-    BidRecord,
-    Cycle,
-    LogEvent,
-    MissionState,
-    Obstacles,
-    Pose,
-    RobotState,
-)
+from armadico.core.messages import PROTOCOL, BidRecord, Cycle, LogEvent, RobotState
 from armadico.core.resources import WHEELS, differently
 from armadico.core.services import QUIET_S, matches, service_of
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.messages import MissionState, Pose
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 MISSED: Final = 15

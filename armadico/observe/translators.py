@@ -15,7 +15,8 @@ from armadico.config.discovery import TRANSLATORS, find, installed
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
-    from armadico.core.messages import Message, MissionRequest
+    from armadico.core.messages import Message
+    from armadico.mobile.messages import MissionRequest
 
 
 @dataclass(frozen=True)

@@ -15,33 +15,32 @@ from math import degrees
 from statistics import mean, pstdev
 from typing import Final, NamedTuple, TypeVar, cast
 
-from armadico.core.behaviour import LOST_M
+from armadico.agents.missions.messages import Board, BoardMission, MissionEnd, StepEnd
+from armadico.agents.supervision.messages import MonitorReport
+from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
-    BatteryLevel,
     BidHistory,
     BidRecord,
-    Board,
-    BoardMission,
     Card,
     Claim,
-    Correction,
     Description,
     Log,
     Message,
-    MissionEnd,
-    MissionStatus,
-    MonitorReport,
-    Pose,
     RobotState,
-    StepEnd,
     Stop,
-    TeleopStatus,
+)
+from armadico.core.services import QUIET_S, Kind, service_at, service_of
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.messages import (
+    BatteryLevel,
+    Correction,
+    MissionStatus,
+    Pose,
     Trajectory,
     Truth,
 )
-from armadico.core.services import QUIET_S, Kind, service_at, service_of
 
 M = TypeVar("M", bound=Message)
 

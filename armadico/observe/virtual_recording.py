@@ -13,7 +13,7 @@ from typing import Final
 
 from armadico.config.worlds import World
 from armadico.core.messages import Ask, JournalPiece, Message, encode
-from armadico.core.services import BIDS, CARD, SERVICES, service_of
+from armadico.core.services import BIDS, CARD, service_of, services
 from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.journals import head
 from armadico.observe.recorder import Recording
@@ -36,7 +36,7 @@ class Recorded:
         about = {"namespaces": " ".join(namespaces), "seed": str(mesh.seed)}
         made = translators(namespaces, dict.fromkeys(namespaces, world))
         self.recording = Recording(path, about, translators=made)
-        kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
+        kinds = dict.fromkeys(each.message for each in services() if each.message is not Ask)
         for name in namespaces:
             mesh.watch(partial(self._keep, name), *kinds, namespace=name)
         mesh.keep_journals(head)

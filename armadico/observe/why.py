@@ -31,16 +31,14 @@ from armadico.core.messages import (
     Cycle,
     LogEvent,
     Message,
-    MissionState,
-    Obstacles,
-    Pose,
     RobotState,
     Stop,
-    Truth,
 )
-from armadico.core.motion import Body
 from armadico.core.resources import WHEELS, declared
 from armadico.core.services import matches
+from armadico.mobile.messages import MissionState, Pose, Truth
+from armadico.mobile.motion import Body
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.explained import (
     Bidding,
     Collision,

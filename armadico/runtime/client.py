@@ -19,30 +19,30 @@ from typing import Final, TypeVar, cast
 
 from msgspec import structs
 
+from armadico.agents.missions.messages import ExploreRequest, MissionCancel, MissionOrder
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ask,
     Card,
-    ExploreRequest,
     Message,
     MessageError,
-    MissionCancel,
-    MissionOrder,
-    MissionReply,
-    MissionRequest,
-    MissionState,
-    MissionStatus,
     ParametersReply,
     ParametersRequest,
-    Pose,
     RobotState,
     Setting,
-    Waypoint,
     checked,
 )
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.mesh.base import Mesh
 from armadico.mesh.topology import checked_namespace, default_namespace, topology
+from armadico.mobile.messages import (
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Waypoint,
+)
 from armadico.runtime.errors import (
     AbsentError,
     MissionRefusedError,

@@ -6,7 +6,7 @@ from math import atan2, cos, sin
 from typing import Protocol
 
 from armadico.bridge.ros2.types import Point, Pose, Quaternion, Time
-from armadico.core.geometry import Pose2, wrap
+from armadico.mobile.geometry import Pose2, wrap
 
 
 class Rotation(Protocol):

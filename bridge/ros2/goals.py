@@ -9,7 +9,7 @@ import msgspec
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.geometry import yaw
-from armadico.core.geometry import Pose2
+from armadico.mobile.geometry import Pose2
 
 CDR: Final = "cdr"
 

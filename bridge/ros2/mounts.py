@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from armadico.bridge.ros2.geometry import norm2
 from armadico.bridge.ros2.types import TFMessage, Transform
-from armadico.core.geometry import Pose2
+from armadico.mobile.geometry import Pose2
 
 MOST = 1000
 """Frames that are remembered: robots have some fifty."""

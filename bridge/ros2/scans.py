@@ -1,4 +1,4 @@
-"""What a `LaserScan` says, as far as it can be believed; the rest is `armadico.core.scans`' work.
+"""What a `LaserScan` says, as far as it can be believed; the rest is `armadico.mobile.scans`' work.
 
 REP-117 and sensor_msgs/LaserScan: NaN is no measurement, +inf nothing within reach, -inf something
 nearer than can be measured. Many a driver says 0 for a ray that it has no measurement of. Rays may
@@ -15,7 +15,7 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.mounts import Mount
 from armadico.bridge.session import Swept
 from armadico.config.profile import Laser
-from armadico.core.messages import REACH_M
+from armadico.mobile.messages import REACH_M
 
 SLACK_RAYS, SLACK = 2.0, 0.01
 """By so many rays, or such a share of them, angle_max may differ: some drivers' is one too far."""

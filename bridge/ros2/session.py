@@ -41,7 +41,7 @@ from armadico.bridge.session import (
     Unanswered,
 )
 from armadico.config.profile import Ros2, Ros2Robot, Topic
-from armadico.core.geometry import Pose2
+from armadico.mobile.geometry import Pose2
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
 """Without a cycle for so long, or so many that were due, the link is lost; so long is waited for

@@ -27,9 +27,23 @@ from armadico.bridge.ros2.grids import drawn, occupancy
 from armadico.config.grid_map import cells_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
-from armadico.core.behaviour import LOST_M
-from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.scans import ranges_of
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.messages import (
+    COVARIANCE,
+    BatteryLevel,
+    LocalMap,
+    MissionRequest,
+    MissionStatus,
+    OccupancyGrid,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import ranges_of
 from armadico.observe.translators import Channel, Sample
 from armadico.observe.view import FRESH_CYCLES, agent_of, driver
 
@@ -98,8 +112,8 @@ _SAID: Final = (
 
 _KEPT: Final[dict[type[m.Message], str]] = {
     m.Description: "_description",
-    m.BatteryLevel: "_level",
-    m.MissionStatus: "_mission",
+    BatteryLevel: "_level",
+    MissionStatus: "_mission",
 }
 """What is known just as it was last said."""
 
@@ -139,30 +153,30 @@ class Society:
         self._odom: Pose2 | None = None  # where the odometry's origin lies in it
         self._sonars: dict[tuple[float, float, float], str] = {}
         self._scan: tuple[int, int] | None = None  # the epoch and number of the newest
-        self._near: dict[str, m.Obstacles] = {}  # by key: of each sensor
-        self._local: dict[str, m.LocalMap] = {}
-        self._grid: m.OccupancyGrid | None = None
+        self._near: dict[str, Obstacles] = {}  # by key: of each sensor
+        self._local: dict[str, LocalMap] = {}
+        self._grid: OccupancyGrid | None = None
         self._path: tuple[object, ...] | None = None
-        self._level: m.BatteryLevel | None = None
+        self._level: BatteryLevel | None = None
         self._state: m.RobotState | None = None
-        self._pose: m.Pose | None = None
-        self._mission: m.MissionStatus | None = None
+        self._pose: Pose | None = None
+        self._mission: MissionStatus | None = None
         self._description: m.Description | None = None
         self._acks: dict[str, m.Ack] = {}
         self._battery_at = self._told_at = 0  # ns: not before then
         self._takers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Said]]] = {
             m.RobotState: self._take_state,
-            m.Pose: self._take_pose,
-            m.Sonar: self._take_sonar,
-            m.Scan: self._take_scan,
-            m.Obstacles: self._take_obstacles,
-            m.LocalMap: self._take_local_map,
-            m.OccupancyGrid: self._take_grid,
-            m.Trajectory: self._take_trajectory,
+            Pose: self._take_pose,
+            Sonar: self._take_sonar,
+            Scan: self._take_scan,
+            Obstacles: self._take_obstacles,
+            LocalMap: self._take_local_map,
+            OccupancyGrid: self._take_grid,
+            Trajectory: self._take_trajectory,
             m.Ack: self._take_ack,
             m.Description: self._keep,
-            m.BatteryLevel: self._keep,
-            m.MissionStatus: self._keep,
+            BatteryLevel: self._keep,
+            MissionStatus: self._keep,
         }
         self.kinds: Sequence[type[m.Message]] = tuple(self._takers)
 
@@ -203,7 +217,7 @@ class Society:
             self._battery_at = at + int(EACH_S * 1e9)
             yield _BATTERY, self._battery(state, at)
 
-    def _take_pose(self, _: str, pose: m.Pose, at: int) -> Iterator[_Said]:
+    def _take_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Said]:
         self._pose, self._base = pose, (pose.x, pose.y, pose.theta)
         state = self._at(pose.cycle)
         stamp = at if state is None else state.at
@@ -213,13 +227,13 @@ class Society:
         known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
         yield _POSE, types.PoseWithCovarianceStamped(header, known)
 
-    def _corrected(self, pose: m.Pose, state: _State) -> _Said:
+    def _corrected(self, pose: Pose, state: _State) -> _Said:
         """Where the odometry's origin lies, by the pose and the odometry of one cycle."""
         origin = relative(state.odometry, (0.0, 0.0, 0.0))
         self._odom = compose((pose.x, pose.y, pose.theta), origin)
         return _TF, types.TFMessage([self._transform(state.at, MAP, ODOM, self._odom)])
 
-    def _take_sonar(self, _: str, sonar: m.Sonar, at: int) -> Iterator[_Said]:
+    def _take_sonar(self, _: str, sonar: Sonar, at: int) -> Iterator[_Said]:
         mounted = {(echo.x, echo.y, echo.bearing) for echo in sonar.echoes}
         new = sorted(mounted - self._sonars.keys())
         if new and len(self._sonars) < MOST:
@@ -247,7 +261,7 @@ class Society:
                 types.Range(self._header(stamp, frame), ULTRASOUND, *limits, sonar.reach, heard),
             )
 
-    def _take_grid(self, _: str, grid: m.OccupancyGrid, at: int) -> Iterator[_Said]:
+    def _take_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Said]:
         if grid == self._grid:
             return  # it is said each second
         self._grid = grid
@@ -258,7 +272,7 @@ class Society:
         if cells.states.size:
             yield _MAP, occupancy(cells, self._on_map(at))
 
-    def _take_trajectory(self, _: str, trajectory: m.Trajectory, at: int) -> Iterator[_Said]:
+    def _take_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Said]:
         said = (trajectory.mission, trajectory.start, trajectory.waypoints)
         if said == self._path:
             return  # it is said each second
@@ -283,7 +297,7 @@ class Society:
         setattr(self, _KEPT[type(message)], message)
         yield from ()
 
-    def _take_scan(self, _: str, scan: m.Scan, at: int) -> Iterator[_Said]:
+    def _take_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Said]:
         """Once each, in a frame that lies where the laser was, so that nothing is turned."""
         which = (scan.cycle.epoch, scan.number)
         if which == self._scan:
@@ -308,7 +322,7 @@ class Society:
             ),
         )
 
-    def _take_obstacles(self, key: str, obstacles: m.Obstacles, at: int) -> Iterator[_Said]:
+    def _take_obstacles(self, key: str, obstacles: Obstacles, at: int) -> Iterator[_Said]:
         """The points of all sensors that have spoken within the freshest cycles."""
         self._near[key] = obstacles
         found = [p for each in _fresh(self._near, obstacles.cycle) for p in each.points]
@@ -319,7 +333,7 @@ class Society:
         size = (1, len(found), fields, False, 12, 12 * len(found))
         yield _OBSTACLES, types.PointCloud2(header, *size, points.tobytes(), is_dense=True)
 
-    def _take_local_map(self, key: str, local: m.LocalMap, at: int) -> Iterator[_Said]:
+    def _take_local_map(self, key: str, local: LocalMap, at: int) -> Iterator[_Said]:
         """A square around the robot; what has no cell in the local map is unknown."""
         self._local[key] = local
         maps = _fresh(self._local, local.cycle)
@@ -408,7 +422,7 @@ class Society:
 
     def goal(
         self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
-    ) -> m.MissionRequest:
+    ) -> MissionRequest:
         """See `Translator` and `goals`: in a frame that is known, and not of long ago."""
         frame, place, stamp = read_goal(data, encoding, schema)
         if stamp and (age_s := 1e-9 * (at - stamp)) > OLD_S:
@@ -419,7 +433,7 @@ class Society:
         x, y, theta = compose(self._frame(frame), place)
         if max(abs(x), abs(y)) > m.LARGEST:
             raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is no place")
-        return m.MissionRequest(m.Waypoint(x, y, theta))
+        return MissionRequest(Waypoint(x, y, theta))
 
     def _frame(self, frame: str) -> Pose2:
         """Where a frame lies in the map. Raises ValueError."""
@@ -479,7 +493,7 @@ class Society:
         )
 
 
-_M = TypeVar("_M", m.Obstacles, m.LocalMap)
+_M = TypeVar("_M", Obstacles, LocalMap)
 
 
 def _fresh(known: dict[str, _M], cycle: m.Cycle) -> list[_M]:
@@ -494,7 +508,7 @@ def _fresh(known: dict[str, _M], cycle: m.Cycle) -> list[_M]:
 def _covariance(known: Sequence[float]) -> list[float]:
     """Of x, y, z, roll, pitch and yaw, by rows, from the upper triangle of that of x, y, yaw."""
     whole = [0.0] * 36
-    if len(known) == m.COVARIANCE:
+    if len(known) == COVARIANCE:
         pairs = ((0, 0), (0, 1), (0, 5), (1, 1), (1, 5), (5, 5))
         for (row, column), value in zip(pairs, known, strict=True):
             whole[6 * row + column] = whole[6 * column + row] = value

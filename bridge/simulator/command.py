@@ -112,7 +112,7 @@ def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
 
 def _remark(mesh: ZenohMesh) -> None:
     """Say who else is a simulator in the namespace."""
-    from armadico.core.messages import Truth  # noqa: PLC0415 - not for --help
+    from armadico.mobile.messages import Truth  # noqa: PLC0415 - not for --help
 
     known: set[str] = set()
 

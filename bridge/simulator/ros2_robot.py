@@ -21,7 +21,7 @@ from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.simulator.plant import Plant, Site, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.profile import Ros2Robot, SensorProfile, Topic
-from armadico.core.geometry import Pose2
+from armadico.mobile.geometry import Pose2
 
 IDLE_S = 10.0
 """A client that wants nothing for so long is not one."""

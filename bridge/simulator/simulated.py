@@ -12,7 +12,7 @@ from typing import Protocol
 
 from armadico.bridge.simulator.arena import Arena
 from armadico.bridge.simulator.plant import Plant
-from armadico.core.messages import Truth
+from armadico.mobile.messages import Truth
 
 
 class Controller(Protocol):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from armadico.agents.methods.errands import Errand
+from armadico.agents.missions.errands import Errand
 from armadico.core.agent import Agent, Identity
 from armadico.core.exchange import Bid
-from armadico.core.messages import Message, MissionStatus, Planned, Pose, Trajectory
-from armadico.core.resources import PLANNER, TRAJECTORY, Resource
+from armadico.core.messages import Message
+from armadico.core.resources import Resource
+from armadico.mobile.messages import MissionStatus, Planned, Pose, Trajectory
+from armadico.mobile.resources import PLANNER, TRAJECTORY
 
 
 class Sender(Agent):

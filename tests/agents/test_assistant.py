@@ -8,28 +8,19 @@ import zlib
 
 import pytest
 
-from armadico.agents.assistant import Assistant, Parameters
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
-from armadico.core.messages import (
-    AssistantRecord,
-    AssistantReply,
-    AssistantRequest,
+from armadico.agents.assistant.assistant import Assistant, Parameters
+from armadico.agents.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
+from armadico.agents.assistant.tools import TOOLS
+from armadico.agents.missions.messages import (
     Board,
     BoardMission,
-    Cycle,
-    Log,
     MissionCancel,
     MissionEnd,
     MissionOrder,
-    MissionReply,
-    MissionRequest,
-    RobotState,
-    Stop,
-    Waypoint,
-    decode,
-    encode,
 )
-from armadico.core.tools import TOOLS
+from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
+from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 
 
 class Counter:

@@ -10,14 +10,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.avoid import Avoid, Parameters
+from armadico.agents.driving.avoid import Avoid, Parameters
 from armadico.core.agent import Identity
-from armadico.core.behaviour import LOST_M
-from armadico.core.geometry import turning_circle
-from armadico.core.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
-from armadico.core.motion import touches_at
+from armadico.core.messages import Ack, Ballot, Point, RobotState, Stop
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import turning_circle
+from armadico.mobile.messages import Pose, Trajectory
+from armadico.mobile.motion import touches_at
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.measures import speeds
 from tests.framework.robots import body, described
 from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall

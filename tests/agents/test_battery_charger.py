@@ -11,28 +11,18 @@ from typing import Any, ClassVar
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.battery_charger import BatteryCharger
-from armadico.agents.methods.errands import Stage
+from armadico.agents.missions.battery_charger import BatteryCharger
+from armadico.agents.missions.errands import Stage
+from armadico.agents.missions.messages import ChargeState, ChargeStatus, EnergyReply, EnergyRequest
 from armadico.config.scenarios import Battery, Scenario, load_scenario
 from armadico.config.worlds import load_world
 from armadico.core.agent import Identity
-from armadico.core.geometry import relative
-from armadico.core.messages import (
-    BatteryLevel,
-    ChargeState,
-    ChargeStatus,
-    EnergyReply,
-    EnergyRequest,
-    Log,
-    Message,
-    Pose,
-    RobotState,
-    Truth,
-    Waypoint,
-)
-from armadico.core.resources import PLANNER, TRAJECTORY
+from armadico.core.messages import Log, Message, RobotState
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.geometry import relative
+from armadico.mobile.messages import BatteryLevel, Pose, Truth, Waypoint
+from armadico.mobile.resources import PLANNER, TRAJECTORY
 
 from .senders import Sender
 

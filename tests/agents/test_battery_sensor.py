@@ -8,12 +8,14 @@ from random import Random
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.battery_sensor import BatterySensor, Parameters
 from armadico.agents.methods.energy import motor_power
+from armadico.agents.missions.battery_sensor import BatterySensor, Parameters
+from armadico.agents.missions.messages import BatteryAlarm
 from armadico.bridge.simulator.battery import Battery
 from armadico.config.profile import load_profile
 from armadico.core.agent import Identity, Publish
-from armadico.core.messages import BatteryAlarm, BatteryLevel, Cycle, Log, Message, RobotState
+from armadico.core.messages import Cycle, Log, Message, RobotState
+from armadico.mobile.messages import BatteryLevel
 
 PROFILE = load_profile("pioneer-2dx")
 CYCLE_S = 0.1

@@ -8,12 +8,8 @@ import zlib
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods.board import Missions, RefusedError, text_of
-from armadico.config.errors import ConfigError
-from armadico.config.places import Places
-from armadico.config.profile import load_profile
-from armadico.config.worlds import load_world
-from armadico.core.messages import (
+from armadico.agents.missions.board import Missions, RefusedError, text_of
+from armadico.agents.missions.messages import (
     Board,
     BoardMission,
     Course,
@@ -21,9 +17,12 @@ from armadico.core.messages import (
     MissionOrder,
     StepEnd,
     StepResult,
-    decode,
-    encode,
 )
+from armadico.config.errors import ConfigError
+from armadico.config.places import Places
+from armadico.config.profile import load_profile
+from armadico.config.worlds import load_world
+from armadico.core.messages import decode, encode
 
 WAIT = 'steps = [{ do = "wait", seconds = 1 }]'
 

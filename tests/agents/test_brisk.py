@@ -9,14 +9,15 @@ from math import cos, degrees, hypot, inf, pi, radians, sin
 import pytest
 
 from armadico import run
-from armadico.agents.methods.brisk import Driver, braking, slowed
+from armadico.agents.driving.brisk import Driver, braking, slowed
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.settings import Brisk
-from armadico.core.geometry import wrap
-from armadico.core.messages import Point, Waypoint
+from armadico.core.messages import Point
 from armadico.core.parameters import Safety
-from armadico.core.route import Route
-from armadico.core.safety import Scene, unhurried
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Waypoint
+from armadico.mobile.route import Route
+from armadico.mobile.safety import Scene, unhurried
 from tests.framework.robots import body
 
 PERIOD = 0.1

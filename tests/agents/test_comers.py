@@ -6,8 +6,8 @@ from math import hypot, inf, radians
 
 import pytest
 
-from armadico.agents.methods.comers import AHEAD_S, Comers
-from armadico.core.swept_path import Outline
+from armadico.agents.perception.comers import AHEAD_S, Comers
+from armadico.mobile.swept_path import Outline
 from tests.agents.pings import Ping
 
 BODY = Outline(0.21, 0.23, 0.165)

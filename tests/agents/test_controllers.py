@@ -23,7 +23,7 @@ from armadico.agents.methods.controllers import (
     ramp,
 )
 from armadico.agents.methods.geometry import ORIGIN, Placed, distance
-from armadico.core.geometry import wrap
+from armadico.mobile.geometry import wrap
 
 PERIOD, STEP = 0.1, 0.01
 places = st.floats(-6, 6)

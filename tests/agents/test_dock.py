@@ -7,12 +7,14 @@ from math import cos, radians, sin
 
 import pytest
 
-from armadico.agents.avoid import Avoid
-from armadico.agents.dock import Dock, Parameters
-from armadico.agents.gothrough import Gothrough
-from armadico.agents.goto import Goto
+from armadico.agents.driving.avoid import Avoid
+from armadico.agents.driving.gothrough import Gothrough
+from armadico.agents.driving.goto import Goto
+from armadico.agents.missions.dock import Dock, Parameters
+from armadico.agents.missions.messages import ChargeState, ChargeStatus
 from armadico.core.agent import Agent, Identity
-from armadico.core.messages import ChargeState, ChargeStatus, Message, Point, Stop, Waypoint
+from armadico.core.messages import Message, Point, Stop
+from armadico.mobile.messages import Waypoint
 from armadico.observe.measures import speeds
 from tests.framework.stage import NO_STOP, Stage, claims, commands, drive_to, wall
 

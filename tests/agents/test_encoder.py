@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from armadico.agents.encoder import (
+from armadico.agents.localization.encoder import (
     AGAIN_CYCLES,
     CREEP_M,
     CREEP_RAD,
@@ -22,18 +22,9 @@ from armadico.agents.encoder import (
 )
 from armadico.agents.methods.odometry import ROLLED_M
 from armadico.core.agent import Identity, Publish
-from armadico.core.geometry import compose, relative
-from armadico.core.messages import (
-    Correction,
-    Cycle,
-    InitialPose,
-    Log,
-    Message,
-    Origin,
-    Pose,
-    RobotState,
-    checked,
-)
+from armadico.core.messages import Cycle, Log, Message, RobotState, checked
+from armadico.mobile.geometry import compose, relative
+from armadico.mobile.messages import Correction, InitialPose, Origin, Pose
 from tests.core.test_messages import of
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)

@@ -7,25 +7,22 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods.errands import Stage
+from armadico.agents.missions.errands import Stage
 from armadico.config.scenarios import load_scenario
 from armadico.core.exchange import EXCHANGES, Bid
-from armadico.core.messages import (
-    Claim,
+from armadico.core.messages import Claim, Point, RobotState, encode
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import (
     MissionRequest,
     MissionState,
     MissionStatus,
-    Point,
     Pose,
-    RobotState,
     Way,
     Waypoint,
-    encode,
 )
-from armadico.core.resources import TRAJECTORY
-from armadico.core.route import Route
-from armadico.launch.society import Options
-from armadico.launch.virtual import Rehearsal
+from armadico.mobile.resources import TRAJECTORY
+from armadico.mobile.route import Route
 from armadico.runtime.errors import MissionRefusedError
 
 from .senders import Sender

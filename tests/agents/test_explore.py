@@ -5,20 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armadico.agents.explore import Explore, Parameters
-from armadico.agents.methods.frontiers import Chart, crossed
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Margins
-from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
-from armadico.core.messages import (
-    BatteryLevel,
+from armadico.agents.missions.explore import Explore, Parameters
+from armadico.agents.missions.frontiers import Chart, crossed
+from armadico.agents.missions.messages import (
     ChargeState,
     ChargeStatus,
-    Cycle,
     ExploreRequest,
     ExploreState,
     ExploreStatus,
+)
+from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
+from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.core.messages import Cycle
+from armadico.mobile.messages import (
+    BatteryLevel,
     MissionReply,
     MissionRequest,
     MissionState,

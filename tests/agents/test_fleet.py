@@ -6,22 +6,18 @@ from random import Random
 
 import pytest
 
-from armadico.agents.fleet import TRIES
-from armadico.core.messages import (
-    Cycle,
+from armadico.agents.fleet.fleet import TRIES
+from armadico.agents.fleet.messages import (
     FleetPassages,
     FleetReply,
     FleetRequest,
     FleetTask,
     FleetTasks,
-    Log,
-    Message,
-    MissionRequest,
-    Stop,
-    Waypoint,
 )
+from armadico.core.messages import Cycle, Log, Message, Stop
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.virtual import VirtualMesh
+from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico_tools.experiments.kinematic import Band
 
 HERE = ((1.0, 0.0), (3.0, 0.0), (5.0, 0.0))

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.methods.free_heading import EDGE, open_heading, shut
-from armadico.core.geometry import wrap
+from armadico.agents.driving.free_heading import EDGE, open_heading, shut
 from armadico.core.messages import Point
+from armadico.mobile.geometry import wrap
 
 HALF, REACH = 0.2, 1.1
 places = st.floats(-1.5, 1.5)

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agents.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
+from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
+from armadico.agents.fleet.messages import FleetPassages
 from armadico.core.agent import Identity, Publish, Refused
-from armadico.core.messages import FleetPassages, FleetPose, Message, Stop, Trajectory
+from armadico.core.messages import Message, Stop
+from armadico.mobile.messages import FleetPose, Trajectory
 from armadico.observe.measures import speeds
 from armadico_tools.experiments.narrow import map_of
 from tests.framework.stage import Stage, claims, commands, drive_to

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from armadico.agents.gothrough import Gothrough, Parameters
+from armadico.agents.driving.gothrough import Gothrough, Parameters
 from armadico.core.agent import Identity
-from armadico.core.messages import Point, Trajectory
-from armadico.core.motion import touches_at
+from armadico.core.messages import Point
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Trajectory
+from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
 from tests.framework.robots import body
 from tests.framework.stage import Stage, claims, commands, drive_to, wall

@@ -10,13 +10,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from armadico.agents.goto import Goto, Parameters
+from armadico.agents.driving.goto import Goto, Parameters
+from armadico.agents.driving.sight import in_sight
 from armadico.agents.methods.controllers import SETTINGS
 from armadico.agents.methods.settings import Brisk
-from armadico.agents.methods.sight import in_sight
 from armadico.core.agent import Identity
-from armadico.core.messages import Description, Point, Trajectory
-from armadico.core.motion import touches_at
+from armadico.core.messages import Description, Point
+from armadico.mobile.messages import Trajectory
+from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
 from tests.framework.robots import body, described
 from tests.framework.stage import Stage, commands, drive_to, wall

@@ -8,9 +8,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from armadico.config.scenarios import load_scenario
-from armadico.core.messages import MissionReply, MissionRequest, Pose, Truth, Waypoint
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import MissionReply, MissionRequest, Pose, Truth, Waypoint
 
 GOAL, HERE = Waypoint(12.6, 1.2, -1.57), Waypoint(2.2, 3.0, 1.57)
 

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.agents.interface import Interface, Parameters
+from armadico.agents.missions.interface import Interface, Parameters
+from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core.agent import WARNING, Answer, AskFor, Identity, Publish, Question
 from armadico.core.messages import (
     LARGEST_COUNT,
-    WAYPOINTS,
     Cycle,
-    InitialPose,
     Log,
-    MissionReply,
-    MissionRequest,
-    MissionState,
-    MissionStatus,
-    Obstacles,
-    Plan,
-    PlanRequest,
     Point,
-    Pose,
     RobotState,
     Stop,
-    TeleopStatus,
-    Trajectory,
-    Waypoint,
     decode,
     encode,
 )
 from armadico.core.services import service_of
+from armadico.mobile.messages import (
+    WAYPOINTS,
+    InitialPose,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Pose,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
 from tests.framework.robots import described
 from tests.framework.stage import spread
 

@@ -15,8 +15,8 @@ from armadico.agents.methods.known_robots import (
     KnownRobots,
     moved,
 )
-from armadico.agents.sonar import Parameters
-from armadico.core.messages import FleetPose
+from armadico.agents.perception.sonar import Parameters
+from armadico.mobile.messages import FleetPose
 
 from .test_sonar import Ring
 

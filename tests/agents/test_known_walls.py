@@ -6,7 +6,9 @@ from math import atan2, cos, hypot, pi, radians, sin, sqrt
 
 import pytest
 
-from armadico.agents.methods.known_walls import (
+from armadico.agents.methods.near import Obstacle
+from armadico.agents.methods.settings import WallSettings
+from armadico.agents.perception.known_walls import (
     CLOSE_M,
     HEARD_CYCLES,
     LATELY_CYCLES,
@@ -14,10 +16,8 @@ from armadico.agents.methods.known_walls import (
     KnownWalls,
     Segment,
 )
-from armadico.agents.methods.near import Obstacle
-from armadico.agents.methods.settings import WallSettings
-from armadico.core.geometry import Pose2, to_world
-from armadico.core.swept_path import Outline
+from armadico.mobile.geometry import Pose2, to_world
+from armadico.mobile.swept_path import Outline
 from tests.agents.pings import Ping
 
 WALL = (1.0, -2.0, 1.0, 2.0)  # square across the way, a metre ahead

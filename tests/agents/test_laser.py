@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.laser import LaserAgent, Parameters
 from armadico.agents.methods.near import Look
-from armadico.agents.methods.scan_map import ScanMap
 from armadico.agents.methods.settings import ScanSettings
+from armadico.agents.perception.laser import LaserAgent, Parameters
+from armadico.agents.perception.scan_map import ScanMap
 from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Wall, Walls
@@ -19,10 +19,12 @@ from armadico.config.loading import load_entry
 from armadico.config.profile import Laser, SensorProfile
 from armadico.config.shipped import find
 from armadico.core.agent import ERROR, Identity, Publish
-from armadico.core.geometry import Pose2, relative
-from armadico.core.messages import Cycle, Log, Obstacles, Point, Pose, RobotState, Scan
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle, Log, Point, RobotState
 from armadico.core.services import service_of
+from armadico.mobile.geometry import Pose2, relative
+from armadico.mobile.messages import Pose, Scan
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import message_of
 from tests.framework.robots import described
 
 IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")

@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.agents.methods.geometry import ORIGIN, Placed
-from armadico.agents.methods.local_map import (
+from armadico.agents.methods.near import Obstacle
+from armadico.agents.methods.settings import MapSettings
+from armadico.agents.perception.local_map import (
     _MOST_SONARS,
     CELLS,
     NEAR_RINGS,
@@ -17,13 +19,11 @@ from armadico.agents.methods.local_map import (
     LocalMap,
     cell_at,
 )
-from armadico.agents.methods.near import Obstacle
-from armadico.agents.methods.settings import MapSettings
-from armadico.agents.sonar import Parameters, SonarAgent
+from armadico.agents.perception.sonar import Parameters, SonarAgent
 from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
-from armadico.core.geometry import compose, relative
-from armadico.core.swept_path import Outline
+from armadico.mobile.geometry import compose, relative
+from armadico.mobile.swept_path import Outline
 from tests.agents.pings import Ping
 
 RING = [

@@ -13,21 +13,22 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.localization import (
+from armadico.agents.driving.path_planning import PathPlanning
+from armadico.agents.localization.global_search import Alternative, Place, Search, anywhere
+from armadico.agents.localization.localization import (
     LASER,
     SONARS,
     Confirmation,
     Localization,
     Parameters,
     as_fired,
+    reflectors,
     sonar_model,
 )
-from armadico.agents.methods import reflectors
-from armadico.agents.methods.global_search import Alternative, Place, Search, anywhere
-from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
-from armadico.agents.methods.reflectors import WALL
-from armadico.agents.methods.sonar_model import (
+from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.localization.reflectors import WALL
+from armadico.agents.localization.relocate import Relocate
+from armadico.agents.localization.sonar_model import (
     EXACT,
     EXCUSED,
     RANDOM,
@@ -37,31 +38,19 @@ from armadico.agents.methods.sonar_model import (
     WIDE,
     SonarModel,
 )
-from armadico.agents.path_planning import PathPlanning
-from armadico.agents.relocate import Relocate
+from armadico.agents.methods.grid import Grid
 from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
 from armadico.config.profile import NARROW, Odometry, SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
 from armadico.core.agent import Agent, Identity, Publish
-from armadico.core.behaviour import LOST_M, UNSURE_M
-from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import (
-    Correction,
-    Cycle,
-    Echo,
-    InitialPose,
-    Log,
-    Message,
-    Particles,
-    Pose,
-    RobotState,
-    Sonar,
-    checked,
-)
-from armadico.core.particles import MOST, poses_of
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle, Log, Message, RobotState, checked
+from armadico.mobile.behaviour import LOST_M, UNSURE_M
+from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.messages import Correction, Echo, InitialPose, Particles, Pose, Sonar
+from armadico.mobile.particles import MOST, poses_of
+from armadico.mobile.scans import message_of
 from tests.observe import made_logs
 
 RING = load_profile("pioneer-2dx").sonar
@@ -1095,7 +1084,7 @@ def test_a_laser_may_sit_and_look_anywhere_and_a_scan_that_is_repeated_counts_on
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("armadico.agents.localization.LARGE", 1)
+    monkeypatch.setattr("armadico.agents.localization.localization.LARGE", 1)
     return tmp_path / "armadico"
 
 
@@ -1108,7 +1097,7 @@ def test_what_is_made_of_a_map_is_kept(cache: Path, monkeypatch: pytest.MonkeyPa
     made = modelled()
     (kept,) = cache.iterdir()
     assert kept.suffix == ".npz"
-    monkeypatch.delattr("armadico.agents.localization.fields")
+    monkeypatch.delattr("armadico.agents.localization.localization.fields")
     assert np.array_equal(modelled(), made)
 
 
@@ -1137,7 +1126,7 @@ def test_what_a_killed_process_has_left_does_not_stay_for_ever(
     def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("armadico.config.kept.MOST", 2)
+    monkeypatch.setattr("armadico.agents.localization.kept.MOST", 2)
     with monkeypatch.context() as patch:
         patch.setattr("numpy.savez", killed)
         patch.setattr(Path, "unlink", killed)
@@ -1164,14 +1153,14 @@ def test_another_map_is_another_file(cache: Path) -> None:
 
 
 def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.config.kept.MOST", 2)
+    monkeypatch.setattr("armadico.agents.localization.kept.MOST", 2)
     for reach in (3.0, 4.0, 5.0):
         sonar_model(GRID, radians(30.0), reach)
     assert len(list(cache.iterdir())) == 2
 
 
 def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.config.kept.MOST_BYTES", 1)
+    monkeypatch.setattr("armadico.agents.localization.kept.MOST_BYTES", 1)
     for reach in (3.0, 4.0):
         sonar_model(GRID, radians(30.0), reach)
         assert len(list(cache.iterdir())) == 1

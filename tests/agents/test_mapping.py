@@ -9,25 +9,16 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.mapping import Mapping, Parameters
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.mapping import Mapper, Settings
+from armadico.agents.perception.grid_mapping import Mapper, Settings
+from armadico.agents.perception.mapping import Mapping, Parameters
 from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
 from armadico.core.agent import WARNING, Answer, Identity, Publish, Question
-from armadico.core.messages import (
-    Cycle,
-    Echo,
-    Log,
-    MapRequest,
-    OccupancyGrid,
-    Pose,
-    RobotState,
-    Scan,
-    Sonar,
-)
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle, Log, RobotState
+from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
+from armadico.mobile.scans import message_of
 from tests.framework.robots import described
 
 HALF = radians(15.0)

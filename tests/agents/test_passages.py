@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agents.methods.passages import Passages, passages_of
+from armadico.agents.fleet.passages import Passages, passages_of
 from armadico.config.worlds import load_world
 from armadico_tools.experiments.narrow import map_of
 

@@ -8,24 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agents.path_planning import Parameters, PathPlanning
+from armadico.agents.driving.path_planning import Parameters, PathPlanning
 from armadico.core.agent import Answer, Identity, Publish, Question
-from armadico.core.behaviour import UNSURE_M
-from armadico.core.messages import (
-    Cycle,
-    Echo,
-    Log,
-    MissionRequest,
-    Plan,
-    PlanRequest,
-    Point,
-    Pose,
-    RobotState,
-    Sonar,
-    Waypoint,
-    decode,
-    encode,
-)
+from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
+from armadico.mobile.behaviour import UNSURE_M
+from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
 from tests.framework.stage import spread
 
 START, GOAL = Waypoint(3.4, 0.6, pi / 2), Waypoint(7.4, 0.7, -pi / 2)
@@ -89,7 +76,7 @@ def test_another_question_than_for_a_plan_is_not_answered(planner: PathPlanning)
 def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
     planner: PathPlanning, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("armadico.agents.path_planning.WAYPOINTS", 2)
+    monkeypatch.setattr("armadico.agents.driving.path_planning.WAYPOINTS", 2)
     plan = ask(planner, START, GOAL)
     assert re.fullmatch(r"the way has \d+ turns, at most 2", plan.refusal)
     assert plan.waypoints == ()

@@ -19,7 +19,7 @@ from armadico.agents.methods.planning import Plan, PlanError
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import Door, Room, Segment, World
-from armadico.core.geometry import wrap
+from armadico.mobile.geometry import wrap
 
 BODY = load_profile("pioneer-2dx").body
 

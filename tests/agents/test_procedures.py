@@ -11,29 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.methods import procedures
-from armadico.agents.methods.procedures import (
-    Outlook,
-    advance,
-    ahead,
-    broken_off,
-    doing,
-    merged,
-)
-from armadico.config import missions
-from armadico.config.missions import Mission, read_mission
-from armadico.core.messages import (
-    Course,
-    Frame,
-    Photo,
-    PlanStep,
-    StepEnd,
-    Told,
-    Waypoint,
-    decode,
-    encode,
-)
-from armadico.core.tasks import (
+from armadico.agents.missions import mission_file as missions
+from armadico.agents.missions import procedures
+from armadico.agents.missions.messages import Course, Frame, Photo, PlanStep, StepEnd, Told
+from armadico.agents.missions.mission_file import Mission, read_mission
+from armadico.agents.missions.procedures import Outlook, advance, ahead, broken_off, doing, merged
+from armadico.agents.missions.task import (
     Beliefs,
     Charge,
     Done,
@@ -45,6 +28,8 @@ from armadico.core.tasks import (
     Stand,
     Task,
 )
+from armadico.core.messages import decode, encode
+from armadico.mobile.messages import Waypoint
 
 IN_R1 = Beliefs(Waypoint(6.0, 2.0, 0.0), 0.02, "R1", 0.8)
 

@@ -8,16 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agents.avoid import Avoid
-from armadico.agents.gothrough import Gothrough
-from armadico.agents.goto import Goto
-from armadico.agents.relocate import Parameters, Relocate
+from armadico.agents.driving.avoid import Avoid
+from armadico.agents.driving.gothrough import Gothrough
+from armadico.agents.driving.goto import Goto
+from armadico.agents.localization.relocate import Parameters, Relocate
 from armadico.core.agent import Agent, Identity
-from armadico.core.behaviour import LOST_M, SLOWEST, SURE_M_S, UNSURE_M
 from armadico.core.exchange import Bid
-from armadico.core.geometry import Pose2
-from armadico.core.messages import Echo, Log, Obstacles, Particles, Point, Pose, Sonar
-from armadico.core.particles import message_of
+from armadico.core.messages import Log, Point
+from armadico.mobile.behaviour import LOST_M, SLOWEST, SURE_M_S, UNSURE_M
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Echo, Particles, Pose, Sonar
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.particles import message_of
 from armadico.observe.measures import speeds
 from tests.framework.robots import body
 from tests.framework.stage import Stage, claims, commands, drive_to, wall

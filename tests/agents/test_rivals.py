@@ -6,10 +6,10 @@ from math import cos, pi
 
 import pytest
 
+from armadico.agents.localization.rivals import DIRECTIONS, Leg, Rivals, places_of
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.rivals import DIRECTIONS, Leg, Rivals, places_of
 from armadico.config.worlds import Segment
-from armadico.core.geometry import Pose2
+from armadico.mobile.geometry import Pose2
 
 CORRIDOR: list[Segment] = [(0, 0, 12, 0), (12, 0, 12, 2), (12, 2, 0, 2), (0, 2, 0, 0)]
 """Turned half round it looks the same."""

@@ -6,11 +6,11 @@ from math import cos, hypot, inf, radians, sin
 
 import pytest
 
-from armadico.agents.methods.local_map import LocalMap
 from armadico.agents.methods.near import Obstacle
-from armadico.agents.methods.rows import AHEAD_M, END_M, Heard, Through, onward
 from armadico.agents.methods.settings import MapSettings
-from armadico.core.swept_path import Outline
+from armadico.agents.perception.local_map import LocalMap
+from armadico.agents.perception.rows import AHEAD_M, END_M, Heard, Through, onward
+from armadico.mobile.swept_path import Outline
 from tests.agents.pings import Ping
 
 BODY = Outline(0.21, 0.23, 0.165)

@@ -7,11 +7,12 @@ from math import atan2, pi, tau
 import pytest
 from msgspec import structs
 
+from armadico.agents.driving.seen import Seen, Settings
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.seen import Seen, Settings
-from armadico.core.messages import Cycle, Echo, Scan
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle
+from armadico.mobile.messages import Echo, Scan
+from armadico.mobile.scans import message_of
 
 ROOM = [(0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 4.0), (6.0, 4.0, 0.0, 4.0), (0.0, 4.0, 0.0, 0.0)]
 KNOWN = Grid(ROOM, (0.0, 0.0, 6.0, 4.0))

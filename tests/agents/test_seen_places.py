@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.localization import Localization, Parameters
+from armadico.agents.localization.laser_model import BEAMS, RANDOM, LaserModel, beams_of
+from armadico.agents.localization.localization import Localization, Parameters
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.laser_model import BEAMS, RANDOM, LaserModel, beams_of
 from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Walls
@@ -20,10 +20,11 @@ from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
 from armadico.core.agent import Identity, Publish
-from armadico.core.behaviour import LOST_M, UNSURE_M
-from armadico.core.geometry import Pose2, compose, relative
-from armadico.core.messages import Correction, Cycle, Echo, Pose, RobotState, Scan, Sonar
-from armadico.core.scans import message_of
+from armadico.core.messages import Cycle, RobotState
+from armadico.mobile.behaviour import LOST_M, UNSURE_M
+from armadico.mobile.geometry import Pose2, compose, relative
+from armadico.mobile.messages import Correction, Echo, Pose, Scan, Sonar
+from armadico.mobile.scans import message_of
 
 WORLD = load_world("house")
 GRID = Grid(WORLD.outlines, WORLD.bounds)
@@ -191,7 +192,7 @@ def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
 
 
 def test_a_large_map_takes_cells_of_its_own_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.methods.laser_model.LARGE", 10)
+    monkeypatch.setattr("armadico.agents.localization.laser_model.LARGE", 10)
     sees, model = scanner(), LaserModel(GRID)
     assert 1.0 / model._inverse == pytest.approx(GRID.cell_m)
     assert fits(model, [START], beams_of(scan_at(sees, START)))[0] > np.log(0.8)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.agents.methods.sight import BEYOND_M, STEP_M, in_sight
+from armadico.agents.driving.sight import BEYOND_M, STEP_M, in_sight
 from armadico.core.messages import Point
 
 STRAIGHT = [(0.0, 0.0), (5.0, 0.0)]

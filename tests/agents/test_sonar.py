@@ -8,21 +8,14 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods.comers import AHEAD_S
-from armadico.agents.sonar import LOOK_S, Parameters, SonarAgent
+from armadico.agents.perception.comers import AHEAD_S
+from armadico.agents.perception.sonar import LOOK_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
-from armadico.core.messages import (
-    Correction,
-    Cycle,
-    Echo,
-    Obstacles,
-    Point,
-    Pose,
-    RobotState,
-    Sonar,
-)
+from armadico.core.messages import Cycle, Point, RobotState
 from armadico.launch.society import Options, members
+from armadico.mobile.messages import Correction, Echo, Pose, Sonar
+from armadico.mobile.obstacles import Obstacles
 from tests.framework.robots import described
 
 MAPPED = Parameters(world="sc2")

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from armadico.agents.methods.sharing import FAR, LATEST, FleetClock
-from armadico.agents.methods.task_sharing import PERIOD_S, TaskSharing, done_of
+from armadico.agents.fleet.messages import FleetClaims, FleetDone
+from armadico.agents.fleet.sharing import FAR, LATEST, FleetClock
+from armadico.agents.fleet.task_sharing import PERIOD_S, TaskSharing, done_of
 from armadico.core.exchange import Bid
-from armadico.core.messages import Cycle, FleetClaims, FleetDone, encode
+from armadico.core.messages import Cycle, encode
 
 LIST = 77
 LOOK_S = 5.0

@@ -8,22 +8,13 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.goto import Goto
-from armadico.agents.teleop import LETTING_GO, Parameters, Teleop
+from armadico.agents.driving.goto import Goto
+from armadico.agents.teleop.messages import Stick, TeleopStatus
+from armadico.agents.teleop.teleop import LETTING_GO, Parameters, Teleop
 from armadico.core.agent import Agent, Identity
-from armadico.core.behaviour import BY_HAND
 from armadico.core.exchange import Bid
-from armadico.core.messages import (
-    Cycle,
-    Message,
-    MessageError,
-    Point,
-    Stick,
-    Stop,
-    TeleopStatus,
-    decode,
-    encode,
-)
+from armadico.core.messages import Cycle, Message, MessageError, Point, Stop, decode, encode
+from armadico.mobile.behaviour import BY_HAND
 from armadico.observe.measures import speeds
 from tests.framework.robots import body
 from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall

@@ -10,18 +10,11 @@ import pytest
 
 from armadico.config.discovery import agent_class
 from armadico.core.agent import Agent
-from armadico.core.messages import (
-    Claim,
-    Command,
-    Message,
-    Obstacles,
-    Origin,
-    Pose,
-    RobotState,
-    Sonar,
-    Trajectory,
-)
-from armadico.core.resources import PLANNER, TRAJECTORY, WHEELS, Resource
+from armadico.core.messages import Claim, Command, Message, RobotState
+from armadico.core.resources import WHEELS, Resource
+from armadico.mobile.messages import Origin, Pose, Sonar, Trajectory
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.resources import PLANNER, TRAJECTORY
 
 WHERE: dict[str, tuple[type[Message], tuple[str, ...]]] = {
     "relative_coordinates": (RobotState, ("x", "y")),

@@ -7,11 +7,12 @@ from random import Random
 
 import pytest
 
+from armadico.agents.fleet.messages import FleetClaims
+from armadico.agents.fleet.task_sharing import MARGIN, PERIOD_S, TaskSharing
+from armadico.agents.fleet.tours import DETOUR, THERE_S, TURN_S, Tours, utility_of
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.task_sharing import MARGIN, PERIOD_S, TaskSharing
-from armadico.agents.methods.tours import DETOUR, THERE_S, TURN_S, Tours, utility_of
 from armadico.core.exchange import Bid
-from armadico.core.messages import Ballot, Claim, Cycle, FleetClaims
+from armadico.core.messages import Ballot, Claim, Cycle
 
 HERE = Placed(0.0, 0.0)
 LINE = [Placed(x, 0.0) for x in (2.0, 4.0, 6.0, 8.0)]

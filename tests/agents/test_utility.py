@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.agents import battery_charger, mission_planning
 from armadico.agents.methods.utility import MISSION, of_mission, ramp_down
+from armadico.agents.missions import battery_charger, mission_planning
 
 metres = st.floats(0.0, 5.0)
 

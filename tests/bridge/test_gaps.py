@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from armadico.bridge.gaps import SHARE, SLOWEST_M_S, Gaps, met_within
 from armadico.config.profile import Laser, Ros2Robot, load_profile
 from armadico.core.messages import Cycle
-from armadico.core.scans import message_of
+from armadico.mobile.scans import message_of
 
 
 def jackal(rays: int) -> Ros2Robot:

@@ -18,7 +18,7 @@ from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
 from armadico.config.errors import ConfigError
 from armadico.config.profile import RobotProfile, SensorProfile
-from armadico.core.geometry import Pose2, compose
+from armadico.mobile.geometry import Pose2, compose
 
 
 def config(name: str) -> dict[str, object]:

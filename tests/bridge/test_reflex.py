@@ -14,7 +14,7 @@ from armadico.bridge.reflex import KEPT_S, SAY_S, TOUCH_M, Reflex
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Echo
+from armadico.mobile.messages import Echo
 from tests.bridge.robot_bench import Bench
 
 PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)

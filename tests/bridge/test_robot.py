@@ -30,13 +30,12 @@ from armadico.core.messages import (
     Log,
     LogEvent,
     MessageError,
-    Origin,
     RobotState,
-    Sonar,
     Stop,
     checked,
 )
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Origin, Sonar
 from tests.bridge.robot_bench import BALLOT, NAMES, PROFILE, TICK, Bench, names_of
 
 CLOSE = command(Cmd.CLOSE)

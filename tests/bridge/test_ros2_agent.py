@@ -18,20 +18,10 @@ from armadico.config.errors import ConfigError
 from armadico.config.profile import Ros2Robot
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import (
-    Ack,
-    Ballot,
-    Command,
-    Description,
-    Log,
-    Message,
-    RobotState,
-    Scan,
-    Sonar,
-    Stop,
-)
+from armadico.core.messages import Ack, Ballot, Command, Description, Log, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
-from armadico.core.scans import bearings_of, points_of, ranges_of
+from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.scans import bearings_of, points_of, ranges_of
 from tests.bridge.ros2.robot import CLOCK_S, JACKAL, hazards, odometry, ranged, scan
 
 BALLOT = Ballot(5, 0.6, False, "goto-1")

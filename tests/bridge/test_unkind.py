@@ -15,10 +15,11 @@ from armadico.bridge.simulator.plant import Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.traps import UNKIND
 from armadico.config.scenarios import Scenario, ideal, load_scenario
-from armadico.core.messages import Description, Message, Pose, Truth
+from armadico.core.messages import Description, Message
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.ports import free_port
+from armadico.mobile.messages import Pose, Truth
 from armadico.observe.view import View
 from armadico.runtime.client import Client
 from tests.live.society import mesh_of

@@ -77,7 +77,7 @@ def test_versions_agree() -> None:
 def test_the_list_of_agents_for_programs_says_where_they_come_from() -> None:
     done = call("--list", "--json", program="armadico-agent")
     agents = {row["name"]: row for row in json.loads(done.stdout)}
-    assert agents["encoder"]["value"] == "armadico.agents.encoder:Encoder"
+    assert agents["encoder"]["value"] == "armadico.agents.localization.encoder:Encoder"
     assert agents["encoder"]["package"] == "armadico"
     assert agents["encoder"]["summary"]
 

@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 
 from armadico import cli
-from armadico.cli import goto, options, up
+from armadico.agents.supervision import up
+from armadico.cli import goto, options
 from armadico.core.messages import Cycle, RobotState, Stop
 from tests.programs import BIN, SOON, Done, call
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.cli import explore
+from armadico.agents.missions import explore_command as explore
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE
 from armadico.config.scenarios import exploring, load_scenario

@@ -16,19 +16,11 @@ from typing import Any
 
 import pytest
 
-from armadico.core.messages import (
-    Cycle,
-    Message,
-    MissionOrder,
-    MissionReply,
-    RobotState,
-    Stop,
-    Trajectory,
-    Truth,
-    decode,
-)
+from armadico.agents.missions.messages import MissionOrder
+from armadico.core.messages import Cycle, Message, RobotState, Stop, decode
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import MissionReply, Trajectory, Truth
 from armadico.runtime.client import Client
 from tests.programs import BIN, Done, Start, call, starter
 

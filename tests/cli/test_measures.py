@@ -13,7 +13,8 @@ from rich.progress import Progress
 from armadico.cli import ps
 from armadico.cli.measures import WORDS, show, statistics
 from armadico.cli.progress import bar, remark
-from armadico.core.messages import PROTOCOL, Card, MissionState, MissionStatus
+from armadico.core.messages import PROTOCOL, Card
+from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.hosts import census
 from armadico.observe.measures import Result, RunWatch
 from armadico.observe.view import View

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from armadico import cli
-from armadico.cli import mission, options
-from armadico.core.messages import Board
+from armadico.agents.missions import command as mission
+from armadico.agents.missions.messages import Board
+from armadico.cli import options
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests.programs import call, heavy, imports_nothing

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from armadico import cli
-from armadico.agents.goto import Goto
-from armadico.agents.interface import Interface
+from armadico.agents.driving.goto import Goto
+from armadico.agents.missions.interface import Interface
 from armadico.cli import options
 from armadico.config.errors import ConfigError
 from armadico.config.loading import set_values

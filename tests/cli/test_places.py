@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from armadico.cli import down, main, options
+from armadico.agents.supervision import down
+from armadico.cli import main, options
 from armadico.cli.agent import main as armadico_agent
 from armadico.cli.options import HOSTS_VARIABLE
 from armadico.cli.places import Place

@@ -12,14 +12,17 @@ from typing import Any
 import pytest
 
 from armadico import cli
-from armadico.agents.teleop import Teleop
-from armadico.cli import options, teleop
-from armadico.cli.teleop import AGAIN_S, FIRST_S, Hand, Keys, Order
+from armadico.agents.teleop import command as teleop
+from armadico.agents.teleop.command import AGAIN_S, FIRST_S, Hand, Keys, Order
+from armadico.agents.teleop.messages import Stick
+from armadico.agents.teleop.teleop import Teleop
+from armadico.cli import options
 from armadico.config.scenarios import Scenario, ideal
-from armadico.core.messages import Cycle, RobotState, Stick, Truth
+from armadico.core.messages import Cycle, RobotState
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import Truth
 from tests.driven import Driven
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))

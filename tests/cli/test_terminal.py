@@ -34,7 +34,6 @@ from armadico.core.messages import (
     Claim,
     Cycle,
     Log,
-    Pose,
     RobotState,
     Stop,
 )
@@ -42,6 +41,7 @@ from armadico.core.services import BIDS, CARD
 from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import Call, ZenohMesh
+from armadico.mobile.messages import Pose
 from armadico.observe.view import View
 from armadico.observe.watching import Heard, Watcher
 from tests.programs import BIN, Done, call, heavy, imports_nothing

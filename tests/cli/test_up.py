@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from armadico.agents.supervision.needs import minimum, tasks
+from armadico.agents.supervision.supervisor import Plan
+from armadico.agents.supervision.up import _place, _plan, _scenario, _started, parser
 from armadico.cli.options import UsageError
-from armadico.cli.up import _place, _plan, _scenario, _started, parser
 from armadico.config.errors import ConfigError
 from armadico.config.hosts import HOSTS_VARIABLE
-from armadico.config.needs import minimum, tasks
 from armadico.config.scenarios import society
-from armadico.launch.supervisor import Plan
 from tests.programs import starter
 
 

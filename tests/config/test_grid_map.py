@@ -16,7 +16,8 @@ from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of, message_of
 from armadico.config.worlds import load_world
-from armadico.core.messages import LARGEST_PAYLOAD, OccupancyGrid, decode, encode
+from armadico.core.messages import LARGEST_PAYLOAD, decode, encode
+from armadico.mobile.messages import OccupancyGrid
 from armadico.observe.watching import as_object, from_object, json_schema
 
 ROOM = np.array([[0, 2, 2, 0], [2, 1, 1, 2], [0, 2, 2, 2]], dtype=np.uint8)

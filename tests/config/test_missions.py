@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armadico.config import missions
+from armadico.agents.missions import mission_file as missions
+from armadico.agents.missions.mission_file import Mission, Step, load_mission, read_mission
+from armadico.agents.missions.task import Task
 from armadico.config.errors import ConfigError
-from armadico.config.missions import Mission, Step, load_mission, read_mission
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.shipped import names
 from armadico.config.worlds import Room, World, load_world
-from armadico.core.tasks import Task
 
 HOME = (1.5, 2.0)
 

@@ -16,16 +16,14 @@ from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
     Latched,
-    Origin,
     Point,
     Stop,
-    Trajectory,
-    Waypoint,
     counts_beyond,
     decode,
     encode,
     next_count,
 )
+from armadico.mobile.messages import Origin, Trajectory, Waypoint
 
 GOAL = (Waypoint(1.0, 0.0, 0.0),)
 

@@ -26,6 +26,8 @@ from armadico.core.messages import (
     line,
     plain,
 )
+from armadico.mobile.messages import Echo, MissionState, MissionStatus, Pose, Trajectory, Waypoint
+from armadico.mobile.obstacles import Obstacles
 
 KINDS = sorted(
     (
@@ -158,7 +160,7 @@ def test_no_message_is_of_a_type_that_msgspec_cannot_free(kind: type[Message]) -
     assert not torn(shape.type_info(kind))
 
 
-POSE = m.Pose(m.Cycle(7, 3), 1.0, -2.0, 0.5)
+POSE = Pose(m.Cycle(7, 3), 1.0, -2.0, 0.5)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
@@ -193,7 +195,7 @@ def test_the_order_of_fields_is_the_wire(name: str) -> None:
 
 def test_a_message_travels_as_a_cbor_array() -> None:
     assert cbor2.loads(encode(POSE)) == [[7, 3], 1.0, -2.0, 0.5, []]
-    assert cbor2.loads(encode(m.MissionStatus(1, m.MissionState.DRIVING, 2.0))) == [
+    assert cbor2.loads(encode(MissionStatus(1, MissionState.DRIVING, 2.0))) == [
         1,
         "driving",
         2.0,
@@ -206,7 +208,7 @@ def test_a_message_travels_as_a_cbor_array() -> None:
 def test_messages_are_frozen_and_can_be_shared() -> None:
     with pytest.raises(AttributeError):
         POSE.x = 2.0  # type: ignore[misc]
-    assert hash(POSE) == hash(decode(encode(POSE), m.Pose))
+    assert hash(POSE) == hash(decode(encode(POSE), Pose))
 
 
 BODY: dict[str, Any] = {
@@ -226,23 +228,23 @@ ABSURD = [
     ("watchdog_s", 1e6),
 ]
 UNSOUND: list[tuple[str, Message]] = [
-    ("nan", m.Pose(m.Cycle(1, 1), math.nan, 0.0, 0.0)),
-    ("infinite", m.Pose(m.Cycle(1, 1), 0.0, math.inf, 0.0)),
-    ("minus infinite", m.Pose(m.Cycle(1, 1), 0.0, 0.0, -math.inf)),
-    ("too large", m.Pose(m.Cycle(1, 1), 1.1e6, 0.0, 0.0)),
+    ("nan", Pose(m.Cycle(1, 1), math.nan, 0.0, 0.0)),
+    ("infinite", Pose(m.Cycle(1, 1), 0.0, math.inf, 0.0)),
+    ("minus infinite", Pose(m.Cycle(1, 1), 0.0, 0.0, -math.inf)),
+    ("too large", Pose(m.Cycle(1, 1), 1.1e6, 0.0, 0.0)),
     (
         "nan in an action",
         m.Claim("w", m.Ballot(1, 0.5, False, "a"), m.Cycle(1, 1), 0.5, False, (math.nan,)),
     ),
     ("a speed of 101 m/s", m.RobotState(m.Cycle(1, 1), 0, 0, 0, 101.0, 0, 12, True, False)),
     ("a turn", m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, -1001.0, 12, True, False)),
-    ("a sonar that no robot carries", m.Echo(11.0, 0.0, 0.0, 1.0)),
+    ("a sonar that no robot carries", Echo(11.0, 0.0, 0.0, 1.0)),
     *((f"{field} of {value:g}", m.Description(**BODY | {field: value})) for field, value in ABSURD),
     ("a utility above one", m.Ballot(1, 1.5, False, "a")),
     ("a negative utility", m.Ballot(1, -0.1, False, "a")),
     ("a term beyond 2^52", m.Ballot(LARGEST_COUNT + 1, 0.5, False, "a")),
     ("a counter beyond 2^52", m.Stop(LARGEST_COUNT + 1, True, "a", 1)),
-    ("a cycle's number beyond 2^52", m.Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
+    ("a cycle's number beyond 2^52", Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
     (
         "at work for longer than anybody",
         m.Card("a", "a-1", "h", 1, "1", 2, (), (), (), tenure=2**52),
@@ -262,10 +264,10 @@ UNSOUND: list[tuple[str, Message]] = [
         "an action of 65 numbers",
         m.Command("w", m.Cycle(1, 1), m.Ballot(1, 1, False, "a"), (0.0,) * 65),
     ),
-    ("2,049 points", m.Obstacles(m.Cycle(1, 1), None, None, None, None, (m.Point(0, 0),) * 2049)),
-    ("a range of zero", m.Echo(0.0, 0.0, 0.0, 0.0)),
+    ("2,049 points", Obstacles(m.Cycle(1, 1), None, None, None, None, (m.Point(0, 0),) * 2049)),
+    ("a range of zero", Echo(0.0, 0.0, 0.0, 0.0)),
     ("an epoch beyond 63 bits", m.Cycle(2**63, 0)),
-    ("nan deep inside", m.Trajectory(1, 1, (m.Waypoint(0.0, math.nan, 0.0),))),
+    ("nan deep inside", Trajectory(1, 1, (Waypoint(0.0, math.nan, 0.0),))),
 ]
 
 
@@ -282,7 +284,7 @@ def test_what_is_not_finite_or_out_of_range_is_neither_sent_nor_taken(
 @pytest.mark.parametrize("value", ["fast", None, (1.0,), object(), 10**400])
 def test_what_is_of_another_type_is_not_sent(value: Any) -> None:
     with pytest.raises(MessageError, match="Pose cannot be sent"):
-        encode(m.Pose(m.Cycle(1, 1), value, 0.0, 0.0))
+        encode(Pose(m.Cycle(1, 1), value, 0.0, 0.0))
 
 
 SHAPES: list[tuple[str, Any]] = [
@@ -300,7 +302,7 @@ SHAPES: list[tuple[str, Any]] = [
 @pytest.mark.parametrize(("what", "value"), SHAPES, ids=[what for what, _ in SHAPES])
 def test_another_shape_is_refused(what: str, value: Any) -> None:
     with pytest.raises(MessageError, match="not a Pose"):
-        decode(cbor2.dumps(value), m.Pose)
+        decode(cbor2.dumps(value), Pose)
 
 
 @given(data=st.binary(max_size=64))
@@ -347,7 +349,7 @@ HOSTILE = [
 @pytest.mark.parametrize(("what", "data"), HOSTILE, ids=[what for what, _ in HOSTILE])
 def test_hostile_bytes_are_an_error_like_any_other(what: str, data: bytes) -> None:
     with pytest.raises(MessageError):
-        decode(data, m.Pose)
+        decode(data, Pose)
 
 
 def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
@@ -363,7 +365,7 @@ def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
 
 
 def test_a_message_of_a_newer_program_may_be_longer() -> None:
-    assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, [], "new"]), m.Pose) == POSE
+    assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, [], "new"]), Pose) == POSE
 
 
 def test_ballots_are_ordered_by_term_then_rank_then_instance() -> None:
@@ -405,8 +407,8 @@ def test_what_is_larger_than_64_kib_is_not_even_decoded(
 
 
 def test_what_is_larger_is_not_sent_either() -> None:
-    way = tuple(m.Waypoint(0.1 * n, 1.0, 0.0) for n in range(1024))
-    assert decode(encode(m.Trajectory(1, 1, way)), m.Trajectory).waypoints == way
+    way = tuple(Waypoint(0.1 * n, 1.0, 0.0) for n in range(1024))
+    assert decode(encode(Trajectory(1, 1, way)), Trajectory).waypoints == way
     cards = m.BidHistory("a-1", (m.BidRecord(m.Cycle(1, 1), "w", 0.5, False, (), "x" * 2000),) * 50)
     with pytest.raises(MessageError, match=r"BidHistory cannot be sent: .* at most"):
         encode(cards)
@@ -421,7 +423,7 @@ def test_no_tag_is_converted_whatever_it_holds(tag: int) -> None:
     head = bytes([0xC0 | tag]) if tag < 24 else b"\xd9" + tag.to_bytes(2, "big")
     for content in (b"\x00", b"\x82\x01\x02", b"\x61a", BIGNUM, b"\x82\x01\xc2" + BIGNUM):
         with pytest.raises(MessageError, match="semantic tag"):
-            decode(b"\x84\x82\x01\x01" + head + content + b"\x00\x00", m.Pose)
+            decode(b"\x84\x82\x01\x01" + head + content + b"\x00\x00", Pose)
 
 
 @given(

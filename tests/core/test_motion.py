@@ -24,14 +24,7 @@ from armadico.core.messages import (
     decode,
     encode,
 )
-from armadico.core.motion import (
-    RAMP_STEPS,
-    Body,
-    Speeds,
-    course,
-    ordered,
-    touches_at,
-)
+from armadico.mobile.motion import RAMP_STEPS, Body, Speeds, course, ordered, touches_at
 from tests.framework.robots import body, described
 
 PIONEER = body()

@@ -7,9 +7,10 @@ from math import pi
 import pytest
 from msgspec.structs import replace
 
-from armadico.core.geometry import wrap
-from armadico.core.messages import Cycle, Particles, decode, encode
-from armadico.core.particles import FINEST_M, MOST, message_of, poses_of
+from armadico.core.messages import Cycle, decode, encode
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Particles
+from armadico.mobile.particles import FINEST_M, MOST, message_of, poses_of
 from armadico.observe.watching import as_object, from_object
 
 CYCLE = Cycle(1, 2)

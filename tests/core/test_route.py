@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.core.messages import Point, Trajectory, Waypoint
-from armadico.core.route import BESIDE_M, PASSED_M, Route
+from armadico.core.messages import Point
+from armadico.mobile.messages import Trajectory, Waypoint
+from armadico.mobile.route import BESIDE_M, PASSED_M, Route
 
 CORNER = (Waypoint(4.0, 0.0, 0.0), Waypoint(4.0, 3.0, pi / 2))
 metres = st.floats(-6.0, 6.0)

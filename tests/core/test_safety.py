@@ -8,12 +8,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.core.geometry import turning_circle
-from armadico.core.messages import Cycle, Obstacles, Point
-from armadico.core.motion import Speeds
+from armadico.core.messages import Cycle, Point
 from armadico.core.parameters import Safety
-from armadico.core.safety import UNHEARD_M, Limited, Scene, corner_cut, critical, limit
-from armadico.core.swept_path import free_path
+from armadico.mobile.geometry import turning_circle
+from armadico.mobile.motion import Speeds
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.safety import UNHEARD_M, Limited, Scene, corner_cut, critical, limit
+from armadico.mobile.swept_path import free_path
 from tests.core.test_motion import clearance, driven
 from tests.framework.robots import body
 

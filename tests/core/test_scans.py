@@ -7,8 +7,9 @@ from math import inf, nan, pi, radians
 import numpy as np
 import pytest
 
-from armadico.core.messages import RAYS, Cycle, Scan, decode, encode
-from armadico.core.scans import bearings_of, beside, message_of, points_of, ranges_of
+from armadico.core.messages import Cycle, decode, encode
+from armadico.mobile.messages import RAYS, Scan
+from armadico.mobile.scans import bearings_of, beside, message_of, points_of, ranges_of
 
 AT = Cycle(7, 42)
 LIMITS = (0.1, 30.0)

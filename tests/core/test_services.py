@@ -6,17 +6,18 @@ import pytest
 
 from armadico.core import messages as m
 from armadico.core import services
-from armadico.core.resources import TRAJECTORY
 from armadico.core.services import (
     BIDS,
     CARD,
-    SERVICES,
     Kind,
     Service,
     register,
     service_at,
     service_of,
 )
+from armadico.mobile.messages import Origin, Pose, Trajectory, Truth
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.resources import TRAJECTORY
 
 
 class Whistle(m.Message, frozen=True):
@@ -34,36 +35,36 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_no_two_services_share_a_key_or_but_for_questions_a_message() -> None:
-    keys = [service.key for service in SERVICES]
+    keys = [service.key for service in services()]
     assert len(set(keys)) == len(keys)
     twice = (m.Ask, m.Command)  # a resource says which key its commands have
-    said = [service.message for service in SERVICES if service.message not in twice]
+    said = [service.message for service in services() if service.message not in twice]
     assert len(set(said)) == len(said)
 
 
 def test_a_query_has_a_reply_and_nothing_else_has() -> None:
-    for service in SERVICES:
+    for service in services():
         assert (service.reply is not None) == (service.kind is Kind.QUERY), service.key
 
 
 def test_what_goes_stale_carries_the_cycle_that_it_answers() -> None:
-    for service in SERVICES:
+    for service in services():
         if service.fresh_cycles is not None:
             assert "cycle" in service.message.__struct_fields__, service.key
 
 
 def test_claims_and_commands_are_events_so_that_none_overwrites_another() -> None:
     events: tuple[type[m.Message], ...] = (m.Claim, m.Command, m.Log)
-    states: tuple[type[m.Message], ...] = (m.RobotState, m.Pose, m.Obstacles, m.Ack)
+    states: tuple[type[m.Message], ...] = (m.RobotState, Pose, Obstacles, m.Ack)
     assert {service_of(kind).kind for kind in events} == {Kind.EVENT}
     assert {service_of(kind).kind for kind in states} == {Kind.STATE}
-    latched: tuple[type[m.Message], ...] = (m.Stop, m.Trajectory, m.Origin)
+    latched: tuple[type[m.Message], ...] = (m.Stop, Trajectory, Origin)
     assert {service_of(kind).kind for kind in latched} == {Kind.LATCHED}
 
 
 def test_the_truth_and_journals_are_for_watchers_alone() -> None:
-    alone = {service.message for service in SERVICES if service.watchers_only}
-    assert alone == {m.JournalPiece, m.Truth}
+    alone = {service.message for service in services() if service.watchers_only}
+    assert alone == {m.JournalPiece, Truth}
 
 
 def test_keys_are_filled_with_names_and_patterns_catch_them_all() -> None:
@@ -90,7 +91,7 @@ def test_an_agent_may_bring_a_message_of_its_own() -> None:
 @pytest.mark.usefixtures("registry")
 def test_a_message_cannot_be_given_a_second_key() -> None:
     with pytest.raises(ValueError, match="Pose already travels on encoder/pose"):
-        register(Service(m.Pose, "my/pose", Kind.STATE, 10, 3, "another"))
+        register(Service(Pose, "my/pose", Kind.STATE, 10, 3, "another"))
 
 
 def test_a_resource_is_spoken_of_at_its_own_rate() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.core.messages import Point
-from armadico.core.swept_path import Outline, free_path, free_turn
+from armadico.mobile.swept_path import Outline, free_path, free_turn
 
 OUTLINE = Outline(0.21, 0.23, 0.165)
 MARGIN = 0.05

@@ -10,7 +10,7 @@ import pytest
 
 from armadico.core import messages
 from armadico.core.coordination import TRANSITIONS
-from armadico.core.services import SERVICES
+from armadico.core.services import services
 from armadico_tools import docs
 from armadico_tools.docs_fields import fields_of
 from tests.docs.blocks import ROOT, documents
@@ -67,7 +67,7 @@ def test_stale_parts_are_told_and_written(tmp_path: Path) -> None:
 
 def test_the_protocol_page_has_every_key_message_and_transition() -> None:
     text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
-    for service in SERVICES:
+    for service in services():
         assert f"`{service.key.replace('{', '<').replace('}', '>')}`" in text
     for name in ("Cycle", "Ballot", "RobotState", "Claim", "Truth"):
         assert f"\n### {name}\n" in text

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from armadico.config.scenarios import Scenario, load_scenario
-from armadico.core.messages import Ack, Claim, Command, Message, Truth
+from armadico.core.messages import Ack, Claim, Command, Message
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Truth
 from tests.docs.blocks import files
 from tests.docs.shell import Shell
 from tests.docs.test_tutorial import NAMESPACE, TUTORIAL, do

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from armadico.core.messages import Ack, Card, Pose
+from armadico.core.messages import Ack, Card
 from armadico.core.resources import WHEELS
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import Pose
 from armadico.observe.view import View, agent_of
 from armadico.runtime.client import Client
 from tests.docs.shell import Shell

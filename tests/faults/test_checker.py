@@ -16,14 +16,11 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Message,
-    MissionState,
-    MissionStatus,
-    Pose,
     RobotState,
     Stop,
-    Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
 from armadico_tools.faults.observations import (

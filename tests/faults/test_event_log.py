@@ -4,16 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.core.messages import (
-    Ack,
-    Ballot,
-    BidHistory,
-    BidRecord,
-    Command,
-    Cycle,
-    RobotState,
-    Truth,
-)
+from armadico.core.messages import Ack, Ballot, BidHistory, BidRecord, Command, Cycle, RobotState
+from armadico.mobile.messages import Truth
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.event_log import HEARD_S, Account
 from armadico_tools.faults.observations import Ordered, Passed, Said

@@ -8,20 +8,11 @@ from random import Random
 
 import pytest
 
-from armadico.agents.assistant import Assistant
-from armadico.core.messages import (
-    AssistantRecord,
-    AssistantReply,
-    AssistantRequest,
-    Claim,
-    Command,
-    Message,
-    Stop,
-    decode,
-    next_count,
-)
+from armadico.agents.assistant.assistant import Assistant
+from armadico.agents.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
+from armadico.agents.assistant.tools import TOOLS
+from armadico.core.messages import Claim, Command, Message, Stop, decode, next_count
 from armadico.core.services import service_of
-from armadico.core.tools import TOOLS
 from armadico.mesh.virtual_session import VirtualSession
 from armadico_tools.faults.workload import Workload, case_of
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.encoder import Encoder
-from armadico.agents.goto import Goto
-from armadico.agents.methods.local_map import LocalMap
-from armadico.agents.sonar import SonarAgent
+from armadico.agents.driving.goto import Goto
+from armadico.agents.localization.encoder import Encoder
+from armadico.agents.perception.local_map import LocalMap
+from armadico.agents.perception.sonar import SonarAgent
 from armadico.bridge import robot
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.bridge.p2os.odometry import Odometry
@@ -21,21 +21,12 @@ from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
 from armadico.core.exchange import AT_ONCE, Bid, Blend, Handover, SmoothExchange
-from armadico.core.geometry import Pose2
 from armadico.core.latched import Memory
-from armadico.core.messages import (
-    Action,
-    Correction,
-    Latched,
-    Message,
-    Obstacles,
-    Origin,
-    Pose,
-    RobotState,
-    Stop,
-    Trajectory,
-)
+from armadico.core.messages import Action, Latched, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
+from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import EVERYBODY, Case, Fault
 from armadico_tools.faults.series import smallest

@@ -17,11 +17,11 @@ from armadico.core.messages import (
     Claim,
     Cycle,
     Message,
-    Pose,
     RobotState,
     encode,
 )
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Pose
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
 from armadico.observe.watching import Heard, Presence

@@ -15,14 +15,11 @@ from armadico.core.messages import (
     Command,
     Log,
     Message,
-    Obstacles,
-    Origin,
-    Pose,
     RobotState,
     Stop,
-    Trajectory,
-    Truth,
 )
+from armadico.mobile.messages import Origin, Pose, Trajectory, Truth
+from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import AWAITED, KINDS
 from armadico_tools.faults.plan import Case, Fault
 from armadico_tools.faults.sightings import Sight

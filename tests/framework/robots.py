@@ -7,7 +7,7 @@ from functools import cache
 from armadico.bridge.robot import Parameters, Robot
 from armadico.core.agent import Identity
 from armadico.core.messages import Description
-from armadico.core.motion import Body
+from armadico.mobile.motion import Body
 
 
 @cache

@@ -16,14 +16,12 @@ from armadico.core.messages import (
     Cycle,
     Description,
     Message,
-    Obstacles,
     Point,
-    Pose,
     RobotState,
     Stop,
-    Trajectory,
-    Waypoint,
 )
+from armadico.mobile.messages import Pose, Trajectory, Waypoint
+from armadico.mobile.obstacles import Obstacles
 from tests.framework.robots import described
 
 NOTHING = (None, None, None, None)

@@ -7,6 +7,8 @@ from typing import Any, ClassVar
 
 import pytest
 
+from armadico.agents.fleet.messages import FleetBoard
+from armadico.agents.missions.messages import Board
 from armadico.core import messages as m
 from armadico.core import services
 from armadico.core.agent import (
@@ -22,9 +24,20 @@ from armadico.core.agent import (
 )
 from armadico.core.exchange import Bid
 from armadico.core.latched import GIVE_BACK_S
-from armadico.core.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
+from armadico.core.messages import Cycle, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, Service
+from armadico.mobile.messages import (
+    MissionReply,
+    MissionRequest,
+    Origin,
+    Plan,
+    PlanRequest,
+    Pose,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
 
 from .stage import NOTHING, Stage, claims, commands
 
@@ -37,9 +50,9 @@ class Driver(Agent):
     name = "driver"
     reacts_to = Pose
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (m.Trajectory,)
-    asks: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
-    answers: ClassVar[tuple[type[Message], ...]] = (m.MissionRequest,)
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     competes_for = (WHEELS,)
 
     def __init__(self, parameters: Parameters | None = None) -> None:
@@ -47,7 +60,7 @@ class Driver(Agent):
         self.next: Bid | None = Bid(0.5, ACTION)
         self.turns: list[Cycle] = []
         self.heard: list[Message] = []
-        self.reply: m.MissionReply | None = None
+        self.reply: MissionReply | None = None
         self.woken: list[float] = []
 
     def bid(self, message: Pose) -> Bid | None:
@@ -56,10 +69,10 @@ class Driver(Agent):
             self.why = "told not to"
         return self.next
 
-    def on_trajectory(self, trajectory: m.Trajectory) -> None:
+    def on_trajectory(self, trajectory: Trajectory) -> None:
         self.heard.append(trajectory)
 
-    def on_mission_request(self, question: Question) -> m.MissionReply | None:
+    def on_mission_request(self, question: Question) -> MissionReply | None:
         return self.reply
 
     def on_wakeup(self) -> None:
@@ -317,15 +330,15 @@ def test_who_has_just_started_knows_no_stop_and_gives_none_back(stage: Stage) ->
 
 
 def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
-    trajectory = m.Trajectory(1, 3, ())
+    trajectory = Trajectory(1, 3, ())
     stage.hand(trajectory)
     assert driver.heard == [trajectory]
-    assert driver.latest(m.Trajectory) is trajectory
+    assert driver.latest(Trajectory) is trajectory
 
 
 def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
     listens = {subscription.message for subscription in Driver.subscriptions()}
-    latched = {m.Stop, m.Origin, m.Trajectory, m.Board, m.FleetBoard, m.Tuning}
+    latched = {m.Stop, Origin, Trajectory, Board, FleetBoard, m.Tuning}
     social = {RobotState, m.Description, m.Claim, m.Ack}
     assert listens == {Pose, Obstacles} | social | latched
     patterns = {s.pattern for s in Driver.subscriptions() if s.message in (m.Claim, m.Ack)}
@@ -359,28 +372,28 @@ def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver
 
 
 def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
-    request = m.MissionRequest(m.Waypoint(1, 0, 0))
-    driver.reply = m.MissionReply(3)
+    request = MissionRequest(Waypoint(1, 0, 0))
+    driver.reply = MissionReply(3)
     driver.asked(Question(11, request), 0.0)
-    assert driver.outbox == [Answer(11, m.MissionReply(3))]
+    assert driver.outbox == [Answer(11, MissionReply(3))]
     driver.reply = None
     driver.asked(Question(12, request), 0.0)
     assert len(driver.outbox) == 1
-    driver.answer(Question(12, request), m.MissionReply(4))
-    assert driver.outbox[-1] == Answer(12, m.MissionReply(4))
+    driver.answer(Question(12, request), MissionReply(4))
+    assert driver.outbox[-1] == Answer(12, MissionReply(4))
 
 
 def test_an_answer_reaches_who_asked_once(driver: Driver) -> None:
     got: list[Any] = []
-    here = m.Waypoint(0, 0, 0)
-    driver.ask(m.PlanRequest(here, here), got.append, timeout=3.0)
-    driver.ask(m.PlanRequest(here, here), got.append)
+    here = Waypoint(0, 0, 0)
+    driver.ask(PlanRequest(here, here), got.append, timeout=3.0)
+    driver.ask(PlanRequest(here, here), got.append)
     first, second = driver.outbox
     assert isinstance(first, AskFor)
     assert isinstance(second, AskFor)
-    assert (first.key, first.reply, first.timeout) == ("path/plan", m.Plan, 3.0)
+    assert (first.key, first.reply, first.timeout) == ("path/plan", Plan, 3.0)
     assert first.id != second.id
-    plan = m.Plan((), refusal="no")
+    plan = Plan((), refusal="no")
     driver.replied(second.id, None, 1.0)
     driver.replied(first.id, plan, 1.0)
     driver.replied(first.id, plan, 1.0)
@@ -446,7 +459,7 @@ def test_the_social_parameters_reach_the_contender() -> None:
 def test_a_latched_state_that_nobody_can_be_told_of_is_not_remembered(
     driver: Driver, x: Any
 ) -> None:
-    driver.publish(m.Trajectory(5, 1, (m.Waypoint(x, 0.0, 0.0),)))
-    assert driver.memory.newest(m.Trajectory) is None
-    driver.publish(m.Trajectory(1, 2, (m.Waypoint(1.0, 0.0, 0.0),)))
-    assert driver.memory.newest(m.Trajectory) == m.Trajectory(1, 2, (m.Waypoint(1.0, 0.0, 0.0),))
+    driver.publish(Trajectory(5, 1, (Waypoint(x, 0.0, 0.0),)))
+    assert driver.memory.newest(Trajectory) is None
+    driver.publish(Trajectory(1, 2, (Waypoint(1.0, 0.0, 0.0),)))
+    assert driver.memory.newest(Trajectory) == Trajectory(1, 2, (Waypoint(1.0, 0.0, 0.0),))

@@ -9,17 +9,8 @@ import pytest
 from armadico.core.agent import Agent, Answer, Identity, Question
 from armadico.core.driver import QUESTIONS, AskFor, Driver, Reply
 from armadico.core.membership import Stage
-from armadico.core.messages import (
-    PROTOCOL,
-    Card,
-    Message,
-    Plan,
-    PlanRequest,
-    Stop,
-    Trajectory,
-    Waypoint,
-    encode,
-)
+from armadico.core.messages import PROTOCOL, Card, Message, Stop, encode
+from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
 STOP = Stop(3, True, "somebody", 5)
 MISSION = Trajectory(4, 9, (Waypoint(1.0, 0.0, 0.0),))

@@ -27,10 +27,10 @@ from armadico.core.messages import (
     Message,
     RobotState,
     Stop,
-    Waypoint,
 )
 from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
 from armadico.mesh.virtual import Node, VirtualMesh
+from armadico.mobile.messages import Waypoint
 
 from .robots import described
 from .toys import Toy, ToyOwner, ToySociety, toy

@@ -10,11 +10,20 @@ import pytest
 from armadico.core import messages as m
 from armadico.core.agent import Agent, Question
 from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Log, Message, MissionState, MissionStatus, Stop
+from armadico.core.messages import Log, Message, Stop
 from armadico.core.services import Kind, Service, register
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LIVELINESS, VirtualMesh
 from armadico.mesh.virtual_network import DELAY_MEDIAN, Link
+from armadico.mobile.messages import (
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Waypoint,
+)
 
 Seen = list[tuple[float, Any]]
 
@@ -74,11 +83,11 @@ class Planner(Agent):
     """Answers at once, with a number of its own."""
 
     name = "planner"
-    answers: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     length: ClassVar[float] = 1.0
 
-    def on_plan_request(self, question: Question) -> m.Plan:
-        return m.Plan((), self.length)
+    def on_plan_request(self, question: Question) -> Plan:
+        return Plan((), self.length)
 
 
 class Asker(Agent):
@@ -86,7 +95,7 @@ class Asker(Agent):
 
     name = "asker"
     hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus,)
-    asks: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
+    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
@@ -101,7 +110,7 @@ def status(number: int) -> MissionStatus:
     return MissionStatus(number, MissionState.DRIVING, 0.0)
 
 
-REQUEST = m.PlanRequest(m.Waypoint(0, 0, 0), m.Waypoint(1, 0, 0))
+REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 0, 0))
 
 
 def told(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener]:
@@ -363,7 +372,7 @@ def test_a_query_is_answered_over_the_network() -> None:
     mesh.add(Planner(mesh.identity("planner")), admit=False)
     mesh.publish(status(1))
     mesh.run(1.0)
-    assert [plan for _, plan in asker.got] == [m.Plan((), 1.0)]
+    assert [plan for _, plan in asker.got] == [Plan((), 1.0)]
     assert 0.0 < asker.got[0][0] < 0.1
 
 
@@ -398,7 +407,7 @@ def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_cou
     got: list[Message | None] = []
     mesh.ask(REQUEST, got.append)
     mesh.run(10.0)
-    assert got in ([m.Plan((), 2.0)], [m.Plan((), 3.0)])
+    assert got in ([Plan((), 2.0)], [Plan((), 3.0)])
     hung.resume()
     mesh.run(20.0)
     assert len(got) == 1
@@ -479,16 +488,16 @@ class Numb(Agent):
     """Says, asks and answers what nobody could read."""
 
     name = "numb"
-    answers: ClassVar[tuple[type[Message], ...]] = (m.MissionRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
 
     def on_start(self) -> None:
         self.replies: list[Any] = []
-        nowhere = m.Waypoint(float("nan"), 0, 0)
+        nowhere = Waypoint(float("nan"), 0, 0)
         self.publish(MissionStatus(1, MissionState.DRIVING, float("nan")))
-        self.ask(m.PlanRequest(nowhere, nowhere), self.replies.append)
+        self.ask(PlanRequest(nowhere, nowhere), self.replies.append)
 
     def on_mission_request(self, question: Question) -> Message:
-        return m.MissionReply(-1)
+        return MissionReply(-1)
 
 
 def test_what_cannot_be_sent_is_said_to_people() -> None:
@@ -499,7 +508,7 @@ def test_what_cannot_be_sent_is_said_to_people() -> None:
     (said,) = lines
     assert "1 x on mission/status: MissionStatus cannot be sent" in said
     mesh.run(10.0)
-    mesh.ask(m.MissionRequest(m.Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
+    mesh.ask(MissionRequest(Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
     mesh.run(20.0)
     _, said = lines
     assert "1 x on path/plan: PlanRequest cannot be sent" in said

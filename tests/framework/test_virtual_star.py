@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from armadico.core import messages as m
 from armadico.core.agent import Agent
-from armadico.core.messages import Pose
 from armadico.core.resources import WHEELS
 from armadico.mesh.presence import GRACE_S
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import LEASE, LIVELINESS, RECONNECT, Node, VirtualMesh
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import Plan, Pose
 from armadico.runtime.client import Client
 
 from .test_virtual_mesh import Asker, Listener, Planner, Word, status
@@ -320,7 +320,7 @@ def test_a_query_waits_in_a_router_that_hangs_and_one_without_a_router_ends_at_o
     world.nodes["robot"].resume()
     world.run(SOON)
     ((_, plan),) = asker.got
-    assert plan == m.Plan((), 1.0)
+    assert plan == Plan((), 1.0)
     world.nodes["robot"].kill()
     world.run(SOON)
     world.mesh.publish(status(2))

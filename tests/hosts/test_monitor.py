@@ -7,8 +7,8 @@ from signal import SIGKILL, SIGSTOP
 
 import pytest
 
-from armadico.core.messages import MissionRequest, Waypoint
 from armadico.launch.processes import kill_trees
+from armadico.mobile.messages import MissionRequest, Waypoint
 from tests.hosts.conftest import SOON, children, write_table
 from tests.live.society import Observer
 from tests.programs import Start

@@ -8,8 +8,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.core.messages import MissionRequest, Waypoint
 from armadico.launch.processes import kill_trees
+from armadico.mobile.messages import MissionRequest, Waypoint
 from tests.hosts.conftest import AGENTS, ROBOT, SOON, children
 from tests.live.society import Observer
 from tests.programs import Start

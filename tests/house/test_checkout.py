@@ -52,7 +52,7 @@ def test_every_source_is_in_the_package_once() -> None:
 
 
 def test_a_bare_checkout_imports_as_it_is_installed() -> None:
-    call = "import armadico.agents.goto as it; print(it.__name__, it.__file__)"
+    call = "import armadico.agents.driving.goto as it; print(it.__name__, it.__file__)"
     done = subprocess.run(
         [sys.executable, "-c", call],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -60,7 +60,10 @@ def test_a_bare_checkout_imports_as_it_is_installed() -> None:
         text=True,
         check=True,
     )
-    assert done.stdout.split() == ["armadico.agents.goto", str(ROOT / "armadico/agents/goto.py")]
+    assert done.stdout.split() == [
+        "armadico.agents.driving.goto",
+        str(ROOT / "armadico/agents/driving/goto.py"),
+    ]
 
 
 def test_no_process_is_started_that_looks_into_the_current_folder_first() -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from tests.house.tree import PARTS, imports, modules, within
 
-ROOMS = ("core", "config", "mesh", "runtime", "observe", "launch", "cli")
-"""What decides; what is configured; how it talks; one process; what looks at a society; many
+ROOMS = ("core", "mobile", "config", "mesh", "runtime", "observe", "launch", "cli")
+"""What decides; what a mobile robot is; what is configured; how it talks; one process; what looks at a
 processes; commands. A launcher measures what it runs, so that looking is below launching."""
 
 DOORS = {

@@ -7,12 +7,12 @@ from random import Random
 
 import pytest
 
+from armadico.agents.fleet.attached_fleet import AttachedFleet
+from armadico.agents.fleet.view import FleetResult, FleetWatch
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Stop
-from armadico.launch.attached_fleet import AttachedFleet
 from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.fleet import FleetResult, FleetWatch
 from armadico.runtime.errors import MissionRefusedError, RunFailedError
 from armadico_tools.experiments.kinematic import Band
 

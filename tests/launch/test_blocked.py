@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from armadico.config.scenarios import Scenario, ideal, load_scenario
-from armadico.core.messages import MissionStatus, RobotState, Trajectory
+from armadico.core.messages import RobotState
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import MissionStatus, Trajectory
 from armadico.observe.measures import Result
 from tests.agents.test_path_planning import TWO_DOORS
 

@@ -10,9 +10,9 @@ from itertools import cycle
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.fleet.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, exploring, load_scenario
 from armadico.core.messages import Log
-from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import VirtualMesh

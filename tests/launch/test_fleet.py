@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.fleet.messages import FleetStatus
+from armadico.agents.fleet.run import FleetRehearsal, robots_of
+from armadico.agents.fleet.view import FleetResult, FleetWatch
 from armadico.config.errors import ConfigError
 from armadico.config.scenarios import Scenario, load_scenario
-from armadico.core.messages import FleetStatus
-from armadico.launch.fleet import FleetRehearsal, robots_of
 from armadico.launch.society import Options
-from armadico.observe.fleet import FleetResult, FleetWatch
 
 FLEET = load_scenario("fleet")
 SHORT = replace(FLEET, tasks=FLEET.tasks[:1] + FLEET.tasks[9:11], look_s=2.0)

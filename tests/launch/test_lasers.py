@@ -16,10 +16,12 @@ from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import find
 from armadico.core.agent import Agent
-from armadico.core.messages import Log, Obstacles, RobotState, Scan, Truth
-from armadico.core.scans import message_of
+from armadico.core.messages import Log, RobotState
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Scan, Truth
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import message_of
 from armadico.observe.measures import Result
 from tests.driven import Driven
 

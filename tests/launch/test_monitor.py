@@ -11,28 +11,26 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.localization import Localization
-from armadico.agents.monitor import Monitor, Parameters
-from armadico.config.hosts import Host, HostTable
-from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
-from armadico.core.messages import (
-    Correction,
+from armadico.agents.localization.localization import Localization
+from armadico.agents.supervision.messages import (
     HostShare,
     KeptState,
-    Message,
     MonitorReport,
-    RobotState,
-    Stop,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
 )
+from armadico.agents.supervision.monitor import Monitor, Parameters
+from armadico.agents.supervision.wakeup import Load, Wakeup, lines
+from armadico.config.hosts import Host, HostTable
+from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
+from armadico.core.messages import Message, RobotState, Stop
 from armadico.core.restart_policy import Budget
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.launch.wakeup import Load, Wakeup, lines
 from armadico.mesh.virtual import Node
+from armadico.mobile.messages import Correction
 from tests.driven import Driven
 
 SC4 = load_scenario("sc4")

@@ -20,19 +20,15 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Log,
-    MissionStatus,
-    Obstacles,
-    Origin,
-    Pose,
     RobotState,
     Stop,
-    Trajectory,
-    Truth,
 )
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
+from armadico.mobile.messages import MissionStatus, Origin, Pose, Trajectory, Truth
+from armadico.mobile.obstacles import Obstacles
 from armadico.runtime.latch import Latching
 from tests.driven import Driven
 

@@ -12,7 +12,6 @@ from armadico.config.hosts import Host, HostTable, load_hosts
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Agent
-from armadico.core.messages import Waypoint
 from armadico.launch.society import (
     Member,
     Options,
@@ -24,6 +23,7 @@ from armadico.launch.society import (
     spare,
     time_limit,
 )
+from armadico.mobile.messages import Waypoint
 
 SC4 = load_scenario("sc4")
 

@@ -12,10 +12,11 @@ from msgspec.structs import replace
 from armadico.config.errors import ConfigError
 from armadico.config.hosts import Host
 from armadico.config.scenarios import Scenario
-from armadico.core.messages import Message, Truth
+from armadico.core.messages import Message
 from armadico.launch.processes import agent_words, owns_wheels
 from armadico.launch.society import Options, members, names, share
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Truth
 
 AGENTS = '''
 """Behaviours that were written elsewhere, and a robot agent."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.launch.supervisor import Tail
+from armadico.agents.supervision.supervisor import Tail
 
 STAMP = "12:00:00.123 goto"
 
@@ -60,7 +60,7 @@ def test_half_a_line_waits_for_the_rest(log: Path) -> None:
 def test_a_long_log_is_begun_anew_while_it_is_written_to(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("armadico.launch.supervisor.LOG_BYTES", 100)
+    monkeypatch.setattr("armadico.agents.supervision.supervisor.LOG_BYTES", 100)
     tail = Tail("goto", log)
     with log.open("ab", buffering=0) as agent:  # as a process has it
         agent.write(f"{STAMP} INFO {'long ' * 30}\n".encode())
@@ -91,8 +91,8 @@ def test_a_long_log_is_begun_anew_where_there_is_no_room_for_the_old_one(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("armadico.launch.supervisor.LOG_BYTES", 100)
-    monkeypatch.setattr("armadico.launch.supervisor.shutil.copyfile", full)
+    monkeypatch.setattr("armadico.agents.supervision.supervisor.LOG_BYTES", 100)
+    monkeypatch.setattr("armadico.agents.supervision.supervisor.shutil.copyfile", full)
     tail = Tail("goto", log)
     write(log, f"{STAMP} INFO {'long ' * 30}")
     tail.loud()

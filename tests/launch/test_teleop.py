@@ -9,20 +9,14 @@ from typing import Self
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.teleop import Teleop
+from armadico.agents.teleop.messages import Stick, TeleopStatus
+from armadico.agents.teleop.teleop import Teleop
 from armadico.config.scenarios import Scenario, ideal, load_scenario
-from armadico.core.messages import (
-    Ack,
-    MissionStatus,
-    RobotState,
-    Stick,
-    TeleopStatus,
-    Truth,
-    decode,
-)
+from armadico.core.messages import Ack, RobotState, decode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import MissionStatus, Truth
 from armadico.observe.view import driver
 from tests.driven import Driven
 from tests.framework.robots import body

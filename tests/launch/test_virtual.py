@@ -24,25 +24,14 @@ from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
-from armadico.core.messages import (
-    Ack,
-    Ballot,
-    Log,
-    Message,
-    MissionState,
-    MissionStatus,
-    RobotState,
-    Stop,
-    Trajectory,
-    Truth,
-    encode,
-)
+from armadico.core.messages import Ack, Ballot, Log, Message, RobotState, Stop, encode
 from armadico.core.resources import WHEELS
-from armadico.core.services import SERVICES
+from armadico.core.services import services
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Truth
 from armadico.observe.measures import RunWatch
 from armadico.observe.view import driver
 from armadico.runtime.client import Client
@@ -202,7 +191,7 @@ def digest(name: str, seed: int) -> str:
     def take(key: str, message: Message, now: float) -> None:
         digest.update(f"{key} {now!r} ".encode() + encode(message))
 
-    rehearsal.mesh.watch(take, *{service.message for service in SERVICES})
+    rehearsal.mesh.watch(take, *{service.message for service in services()})
     rehearsal.run()
     return digest.hexdigest()
 

@@ -7,21 +7,16 @@ from typing import Any
 
 import pytest
 
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
-from armadico.core.messages import (
-    PROTOCOL,
-    Card,
+from armadico.agents.supervision.messages import (
     HostShare,
     Kept,
     KeptState,
-    Message,
     MonitorReport,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
 )
-from armadico.core.restart_policy import IN_THE_WAY_S, MISUSED, NEWCOMER_S
-from armadico.launch.wakeup import (
+from armadico.agents.supervision.wakeup import (
     CARD_S,
     HEARD_S,
     MONITOR_S,
@@ -35,6 +30,9 @@ from armadico.launch.wakeup import (
     lines,
     orders,
 )
+from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
+from armadico.core.messages import PROTOCOL, Card, Message
+from armadico.core.restart_policy import IN_THE_WAY_S, MISUSED, NEWCOMER_S
 
 GOTO = 11
 AVOID = 12

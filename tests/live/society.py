@@ -23,9 +23,7 @@ from armadico.core.messages import (
     Description,
     Log,
     Message,
-    Pose,
     RobotState,
-    Truth,
     decode,
 )
 from armadico.core.resources import WHEELS
@@ -36,6 +34,7 @@ from armadico.launch.society import Member, Options
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import Pose, Truth
 from armadico.observe.view import View
 from armadico.runtime.client import Client
 from armadico_tools.faults.serial_tap import Tap, moves

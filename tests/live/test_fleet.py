@@ -12,7 +12,7 @@ from signal import SIGINT, SIGKILL
 
 import pytest
 
-from armadico.core.messages import FleetStatus
+from armadico.agents.fleet.messages import FleetStatus
 from armadico.runtime.client import Client
 from tests.hosts.conftest import says
 from tests.live.society import SOON, mesh_of

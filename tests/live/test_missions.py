@@ -12,7 +12,8 @@ import pytest
 
 pytest.importorskip("mcap")
 
-from armadico.core.messages import Alarm, Board, BoardMission, Message, MissionEnd, Photo
+from armadico.agents.missions.messages import Alarm, Board, BoardMission, MissionEnd, Photo
+from armadico.core.messages import Message
 from armadico.observe.recordings import rows
 from tests.live.society import SOON, Observer
 from tests.programs import Start, call, starter

@@ -8,8 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from armadico.core.agent import Agent
-from armadico.core.messages import Message, PlanRequest, Waypoint, encode
+from armadico.core.messages import Message, encode
 from armadico.mesh.base import Call, Monotonic, Reader, Receiver
+from armadico.mobile.messages import PlanRequest, Waypoint
 from armadico.runtime.process import AgentHost
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))

@@ -16,17 +16,14 @@ from armadico.core.messages import (
     Cycle,
     Log,
     MessageError,
-    Plan,
-    PlanRequest,
     Point,
-    Pose,
     RobotState,
     Stop,
-    Waypoint,
     encode,
 )
 from armadico.mesh.base import Call, Mesh
 from armadico.mesh.topology import MeshError, TopologyError, checked_namespace
+from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 from armadico.runtime.client import Client
 from armadico.runtime.inbox import Inbox
 

@@ -6,9 +6,10 @@ import signal
 
 import pytest
 
-from armadico.core.messages import Card, Cycle, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
+from armadico.core.messages import Card, Cycle, RobotState, Stop
 from armadico.core.restart_policy import MISUSED
 from armadico.mesh.sockets import RUNTIME_VARIABLE, folder
+from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 from armadico.runtime.client import Client
 from tests.mesh.conftest import Spawn, SpawnRouter
 from tests.programs import call

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.encoder import Encoder
+from armadico.agents.localization.encoder import Encoder
 from armadico.bridge.robot import Robot
 from armadico.core.agent import Agent, Publish, Question
 from armadico.core.driver import Driver
@@ -22,15 +22,12 @@ from armadico.core.messages import (
     Cycle,
     Log,
     Message,
-    Plan,
-    PlanRequest,
-    Pose,
     Stop,
-    Waypoint,
 )
 from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 from armadico.runtime.client import Client
 from armadico.runtime.process import AgentHost
 

@@ -18,12 +18,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from armadico.core.messages import Ballot, Claim, Cycle, Plan, PlanRequest, Pose, Waypoint
+from armadico.core.messages import Ballot, Claim, Cycle
 from armadico.mesh.base import Mesh
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE, endpoint, socket_of
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import FLEET_S, SETTINGS, ZenohMesh
+from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 from armadico.runtime.client import Client
 from tests.runtime_folder import fresh_folder
 

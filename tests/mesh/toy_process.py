@@ -7,9 +7,10 @@ import sys
 from typing import ClassVar
 
 from armadico.core.agent import Agent, Question
-from armadico.core.messages import Claim, Message, Plan, PlanRequest, Pose, RobotState, Stop
+from armadico.core.messages import Claim, Message, RobotState, Stop
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import Plan, PlanRequest, Pose
 from armadico.runtime.process import identity, serve
 
 

@@ -9,42 +9,41 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods import procedures
-from armadico.agents.methods.errands import Stage
-from armadico.agents.path_planning import PathPlanning
-from armadico.config.scenarios import Battery
-from armadico.core.agent import Agent, Question
-from armadico.core.messages import (
-    LARGEST_PAYLOAD,
+from armadico.agents.driving.path_planning import PathPlanning
+from armadico.agents.missions import procedures
+from armadico.agents.missions.errands import Stage
+from armadico.agents.missions.messages import (
     Alarm,
     Board,
-    Cycle,
     ExploreRequest,
     ExploreState,
     ExploreStatus,
-    Message,
     MissionEnd,
     MissionOrder,
-    MissionReply,
-    MissionRequest,
-    MissionStatus,
     Photo,
-    Plan,
-    Planned,
-    PlanRequest,
     PlanStep,
-    Pose,
     StepEnd,
     Subplan,
     SubplanRequest,
-    Waypoint,
-    encode,
 )
-from armadico.core.planner import Planner, Surprise
-from armadico.core.tasks import Beliefs, Done, Task
+from armadico.agents.missions.planner import Planner, Surprise
+from armadico.agents.missions.task import Beliefs, Done, Task
+from armadico.config.scenarios import Battery
+from armadico.core.agent import Agent, Question
+from armadico.core.messages import LARGEST_PAYLOAD, Cycle, Message, encode
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import (
+    MissionReply,
+    MissionRequest,
+    MissionStatus,
+    Plan,
+    Planned,
+    PlanRequest,
+    Pose,
+    Waypoint,
+)
 from armadico.observe.measures import RunWatch
 from armadico.runtime import client
 from armadico.runtime.errors import AbsentError, MissionRefusedError

@@ -12,20 +12,9 @@ pytest.importorskip("mcap")
 
 from mcap.reader import make_reader
 
-from armadico.core.messages import (
-    Ack,
-    Alarm,
-    Board,
-    Claim,
-    Message,
-    MissionEnd,
-    Photo,
-    Pose,
-    RobotState,
-    Subplan,
-    Truth,
-    encode,
-)
+from armadico.agents.missions.messages import Alarm, Board, MissionEnd, Photo, Subplan
+from armadico.core.messages import Ack, Claim, Message, RobotState, encode
+from armadico.mobile.messages import Pose, Truth
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import HERE, KINDS, rows
 from armadico.observe.watching import Heard

@@ -6,18 +6,11 @@ from dataclasses import dataclass
 
 import pytest
 
+from armadico.agents.missions.messages import Photo, PlanStep, Subplan, SubplanRequest
+from armadico.agents.missions.planner import Planner, move
 from armadico.config.scenarios import load_scenario
-from armadico.core.messages import (
-    Card,
-    Claim,
-    Message,
-    Photo,
-    PlanStep,
-    Subplan,
-    SubplanRequest,
-)
-from armadico.core.planner import Planner, move
-from armadico.core.services import SERVICES, Kind
+from armadico.core.messages import Card, Claim, Message
+from armadico.core.services import Kind, services
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.measures import Result
@@ -42,7 +35,7 @@ def words(steps: tuple[PlanStep, ...]) -> list[str]:
     return [str(step) for step in steps]
 
 
-SAID = [s.message for s in SERVICES if s.kind is not Kind.QUERY]
+SAID = [s.message for s in services() if s.kind is not Kind.QUERY]
 
 
 @dataclass(frozen=True)

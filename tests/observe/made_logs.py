@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.core.geometry import Pose2, relative
+from armadico.mobile.geometry import Pose2, relative
 
 CORNERS = ((0, 0), (8, 0), (8, 3), (9.5, 3), (9.5, 4.5), (8, 4.5), (8, 6), (0, 6), (0, 0))
 PILLAR = ((3.5, 2.6), (4.3, 2.6), (4.3, 3.2), (3.5, 3.2), (3.5, 2.6))

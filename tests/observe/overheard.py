@@ -8,10 +8,11 @@ from typing import Any
 from msgspec.structs import replace
 
 from armadico.config.scenarios import Scenario
-from armadico.core.messages import Ask, BidHistory, Log, Message, MissionStatus
-from armadico.core.services import BIDS, CARD, SERVICES
+from armadico.core.messages import Ask, BidHistory, Log, Message
+from armadico.core.services import BIDS, CARD, services
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import MissionStatus
 from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
 from armadico.observe.watching import ASK_S
@@ -59,7 +60,7 @@ class Overheard(Driven):
         self.chronicle = chronicle or Chronicle()
         self.planted = 0.0  # when something was done to it, s
         self.worded = True  # or every sentence that anybody says is heard as another
-        kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
+        kinds = dict.fromkeys(each.message for each in services() if each.message is not Ask)
         self.mesh.watch(self._keep, *kinds)
         self._ask()
         self.run.start()

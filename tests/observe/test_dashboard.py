@@ -21,11 +21,13 @@ from armadico.config.grid_map import Cells, message_of
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
-from armadico.core.particles import MOST
-from armadico.core.particles import message_of as particles_of
-from armadico.core.scans import message_of as scan_of
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Cell, Echo, LocalMap, OccupancyGrid, Pose, Sonar
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.particles import MOST
+from armadico.mobile.particles import message_of as particles_of
+from armadico.mobile.scans import message_of as scan_of
 from armadico.observe.dashboard import palette, shapes, viewer
 from armadico.observe.dashboard.blueprint import VIEWS, _page
 from armadico.observe.dashboard.global_map import PATH_POINTS
@@ -57,7 +59,7 @@ def test_the_map_made_by_driving_lies_where_it_is_in_the_world(tmp_path: Path) -
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.take(message_of(Cells(-1.0, 2.0, 0.5, states)), 1.0)
-        scene.take(m.OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
+        scene.take(OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
     ((_, kept),) = Kept(path).rows["/p/map/world/mapped"]
     assert kept["translation"] == [[-1.0, 2.0, 0.0]]
     with Image.open(io.BytesIO(bytes(kept["blob"][0]))) as image:
@@ -67,14 +69,14 @@ def test_the_map_made_by_driving_lies_where_it_is_in_the_world(tmp_path: Path) -
         assert image.getpixel((2, 0)) == palette.MAPPED[2]
 
 
-def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> m.Pose:
-    return m.Pose(cycle(number), 2.0, 1.0, 0.5, (xx, 0.0, 0.0, yy, 0.0, tt))
+def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> Pose:
+    return Pose(cycle(number), 2.0, 1.0, 0.5, (xx, 0.0, 0.0, yy, 0.0, tt))
 
 
 def test_what_the_pose_is_unsure_of_is_an_ellipse_and_an_angle(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(m.Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # nobody knows
+        scene.take(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # nobody knows
         scene.take(pose(2, 0.09), 1.0)
     ((t, kept),) = Kept(path).rows["/p/map/world/unsure"]
     assert t == 1.0
@@ -177,7 +179,7 @@ def test_an_agent_has_one_colour_in_curve_lane_and_path(tmp_path: Path) -> None:
         scene.take(ack(1, AVOID), 0.1)
         scene.take(state(1), 0.1)
         for step in range(30):
-            scene.take(m.Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
+            scene.take(Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
         scene.take(m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
     kept = Kept(path)
     avoid = palette.agent("avoid")
@@ -191,12 +193,12 @@ def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path)
     body = ("r", 0.1, 0.2, 0.2, 0.2, 1.0, 5.0, 0.3, 0.6, 1.7, 1.7, 0.3, 2.0)
     ranges = [1.0, 2.0, math.nan, math.inf, 9.0]
     scan = scan_of(cycle(1), ranges, (-0.2, 0.1), (0.1, 30.0), (0.1, 0.0, 0.0))
-    laser = m.Obstacles(cycle(1), None, None, None, None, (m.Point(1, 0),), "laser")
-    sonar = m.Obstacles(cycle(1), None, None, None, None, (m.Point(0, 1),))
+    laser = Obstacles(cycle(1), None, None, None, None, (m.Point(1, 0),), "laser")
+    sonar = Obstacles(cycle(1), None, None, None, None, (m.Point(0, 1),))
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.take(m.Description(*body, sensors=("laser", "sonar")), 0.0)
-        scene.take(m.Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
+        scene.take(Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
         scene.take(scan, 0.1)
         scene.take(replace(scan, packed=b"abc"), 0.5)
         scene.take(laser, 0.2)
@@ -216,9 +218,9 @@ def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
     seconds, rate = 20, 200
     with drawn(path) as scene:
         for step in range(seconds * rate):
-            scene.take(m.Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
-            echo = m.Echo(0.1, 0.0, step * 0.01, 1.0 + step % 20)
-            scene.take(m.Sonar(cycle(step), 30.0, (echo,)), step / rate)
+            scene.take(Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
+            echo = Echo(0.1, 0.0, step * 0.01, 1.0 + step % 20)
+            scene.take(Sonar(cycle(step), 30.0, (echo,)), step / rate)
     kept = Kept(path)
     rows = {name: len(rows) / seconds for name, rows in kept.rows.items()}
     assert 5.0 < rows["/p/map/world/robot"] < 16.0
@@ -232,7 +234,7 @@ def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
     one, two = (Scene(recording, None, name) for name in ("one", "two"))
     one.take(state(1), 0.0)
     one.take(ack(1, GOTO), 0.0)
-    two.take(m.Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
+    two.take(Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
     close(recording)
     kept = Kept(tmp_path / "a.rrd")
     assert "/one/holders/wheels" in kept.rows
@@ -249,10 +251,10 @@ def test_a_message_that_is_not_shown_is_let_pass(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sector", [0, 4, 13, 8], ids=["ahead", "left", "right", "behind"])
 def test_cells_lie_where_the_robot_has_them(tmp_path: Path, sector: int) -> None:
-    cells = tuple(m.Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
+    cells = tuple(Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(m.LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
+        scene.take(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
     ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
     arcs = np.array(shown["strips"])
     assert np.hypot(arcs[..., 0], arcs[..., 1]) == pytest.approx(
@@ -274,9 +276,9 @@ def test_the_local_map_has_forward_up(tmp_path: Path) -> None:
 
 def test_of_several_points_in_a_cell_the_surest_is_shown(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
-    cells = (m.Cell(0, 7, 1.0, 0, 0), m.Cell(0, 7, 0.1, 0, 0), m.Cell(3, 7, 0.0, 0, 0))
+    cells = (Cell(0, 7, 1.0, 0, 0), Cell(0, 7, 0.1, 0, 0), Cell(3, 7, 0.0, 0, 0))
     with drawn(path) as scene:
-        scene.take(m.LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
+        scene.take(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
     ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
     assert list(map(colour_of, shown["colors"])) == [(86, 180, 233, 255)]
 
@@ -291,7 +293,7 @@ def test_zones_lie_around_the_footprint() -> None:
 def test_the_robot_is_drawn_as_large_as_it_says_and_not_before(
     tmp_path: Path, profile: str
 ) -> None:
-    robot, pose = described(profile), m.Pose(cycle(1), 1.0, 2.0, 0.0)
+    robot, pose = described(profile), Pose(cycle(1), 1.0, 2.0, 0.0)
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.take(pose, 0.0)

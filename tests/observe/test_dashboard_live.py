@@ -26,6 +26,7 @@ from armadico.cli.options import FailedError
 from armadico.core import messages as m
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import OccupancyGrid
 from armadico.observe.dashboard import live, viewer
 from armadico.observe.screen import has_screen
 from armadico.runtime.client import Client
@@ -147,7 +148,7 @@ def test_a_dashboard_that_hangs_is_not_felt(router: ZenohMesh) -> None:
         process.send_signal(signal.SIGSTOP)
         try:
             for number in range(FLOOD):
-                grid = m.OccupancyGrid(0.0, 0.0, 0.1, 40, 50, b"x" * 2000)
+                grid = OccupancyGrid(0.0, 0.0, 0.1, 40, 50, b"x" * 2000)
                 mapping.publish("mapping/grid", grid)
                 if number % 100 == 0:
                     command = m.Command("wheels", cycle(number), ballot(GOTO), (0.0, 0.0))

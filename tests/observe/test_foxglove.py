@@ -23,6 +23,7 @@ from armadico.bridge.ros2.society import Society
 from armadico.cli import foxglove as command
 from armadico.cli.options import FailedError
 from armadico.core import messages as m
+from armadico.mobile.messages import Trajectory, Waypoint
 from armadico.observe.foxglove import WAITING, Served, Server, ServerError
 from armadico.observe.gateway import Asked
 
@@ -135,7 +136,7 @@ def test_samples_come_as_ros2_would_serialise_them(stage: Stage) -> None:
 
 
 def test_who_comes_late_is_given_what_is_latched(stage: Stage) -> None:
-    stage.say(m.Trajectory(1, 5, (m.Waypoint(2, 1, 0),)))
+    stage.say(Trajectory(1, 5, (Waypoint(2, 1, 0),)))
     viewer = stage.viewer()
     viewer.subscribe("/path")
     _, path = viewer.sample("nav_msgs/msg/Path", stage.outside.asked)

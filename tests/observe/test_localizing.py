@@ -15,7 +15,7 @@ from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED
 from armadico.config.profile import load_profile
-from armadico.core.geometry import Pose2
+from armadico.mobile.geometry import Pose2
 from armadico.observe import localizing, logs
 from armadico.observe.localizing import Chosen, Event, Moment, Run, Track, summary
 from armadico.observe.logs import Log, LogError

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from armadico.config.scenarios import load_scenario
-from armadico.core.geometry import Pose2
-from armadico.core.messages import Cycle, Scan, Sonar
-from armadico.core.scans import bearings_of, ranges_of
+from armadico.core.messages import Cycle
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.scans import bearings_of, ranges_of
 from armadico.observe import logs
 from armadico.observe.logs import Log, LogError
 from tests.observe import made_logs

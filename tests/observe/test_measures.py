@@ -7,28 +7,24 @@ from math import pi, radians
 import msgspec
 import pytest
 
-from armadico.core.geometry import Pose2
-from armadico.core.messages import (
-    Ack,
-    Ballot,
+from armadico.agents.missions.messages import (
     Board,
     BoardMission,
-    Command,
     Course,
-    Cycle,
-    Description,
-    Echo,
     ExploreState,
     ExploreStatus,
-    Message,
     MissionEnd,
+    StepEnd,
+    StepResult,
+)
+from armadico.core.messages import Ack, Ballot, Command, Cycle, Description, Message, RobotState
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import (
+    Echo,
     MissionState,
     MissionStatus,
     Pose,
-    RobotState,
     Sonar,
-    StepEnd,
-    StepResult,
     Trajectory,
     Truth,
     Waypoint,

@@ -22,7 +22,8 @@ from mcap.reader import make_reader
 from mcap.records import Chunk
 
 from armadico.core import messages as m
-from armadico.core.services import SERVICES
+from armadico.core.services import services
+from armadico.mobile.messages import Echo, Origin, Pose, Sonar
 from armadico.observe import salvage
 from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import TRIES, Gaps, Recording, record
@@ -40,9 +41,9 @@ from tests.programs import call
 
 CYCLE = m.Cycle(2**62 + 1, 7)
 BALLOT = m.Ballot(3, 0.6, False, "goto-1")
-POSE = m.Pose(CYCLE, 1.5, -2.0, 0.25)
+POSE = Pose(CYCLE, 1.5, -2.0, 0.25)
 CLAIM = m.Claim("wheels", BALLOT, CYCLE, 0.6, False, (0.3, 0.1), (0.2, 0.0))
-SONAR = m.Sonar(CYCLE, 5.0, (m.Echo(0.1, 0.2, 0.3, None), m.Echo(0.1, 0.2, 0.3, 2.0)))
+SONAR = Sonar(CYCLE, 5.0, (Echo(0.1, 0.2, 0.3, None), Echo(0.1, 0.2, 0.3, 2.0)))
 STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False)
 ACK = m.Ack("wheels", CYCLE, BALLOT, None, CYCLE, measured=(0.5, 0.0))
 COMMAND = m.Command("wheels", CYCLE, BALLOT, (0.5, 0.0))
@@ -87,7 +88,7 @@ def test_a_message_is_the_same_after_being_an_object(message: m.Message) -> None
     assert from_object(type(message), plain) == message
 
 
-@pytest.mark.parametrize("service", SERVICES, ids=lambda s: s.key)
+@pytest.mark.parametrize("service", services(), ids=lambda s: s.key)
 def test_every_message_has_a_schema_that_viewers_read(service: Any) -> None:
     def check(schema: dict[str, Any]) -> None:
         assert schema["type"] in {"object", "array", "string", "number", "integer", "boolean"}
@@ -387,7 +388,7 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
         ("robot/cmd/goto-1", m.Command),
         ("resource/arm/cmd/goto-1", m.Command),
         ("resource/arm/ack", m.Ack),
-        ("encoder/origin", m.Origin),
+        ("encoder/origin", Origin),
         ("agent/goto/goto-1/card", m.Card),
         ("agent/goto/goto-1/bids", m.BidHistory),
         ("robot/cmd", None),

@@ -17,12 +17,13 @@ pytest.importorskip("mcap")
 from msgspec import msgpack
 
 from armadico import cli
+from armadico.agents.missions.messages import Alarm
 from armadico.cli import options
 from armadico.config.errors import ConfigError
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import folder
 from armadico.core import journal as j
-from armadico.core.messages import PROTOCOL, Alarm, JournalPiece, Message, decode
+from armadico.core.messages import PROTOCOL, JournalPiece, Message, decode
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import LinkFaults
@@ -186,7 +187,7 @@ def test_other_code_is_found_at_its_first_effect(recording: Path) -> None:
     assert outcome.difference is not None
     assert '"number":20' in outcome.difference.inputs[-1]
     assert outcome.difference.now == ()
-    assert any("it was armadico.agents.sonar:" in note for note in outcome.notes)
+    assert any("it was armadico.agents.perception.sonar:" in note for note in outcome.notes)
 
 
 def test_another_wakeup_is_found_though_nothing_came_of_it_yet(recording: Path) -> None:

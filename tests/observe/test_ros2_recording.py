@@ -24,6 +24,8 @@ from armadico.cli import export as command
 from armadico.cli import run
 from armadico.cli.options import FailedError, UsageError
 from armadico.core import messages as m
+from armadico.mobile.messages import Cell, Echo, LocalMap, Pose, Sonar, Trajectory, Waypoint
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
@@ -45,18 +47,18 @@ BALLOT = m.Ballot(3, 0.6, False, "goto-00ff")
 def society(cycles: int = 5) -> list[tuple[str, m.Message]]:
     """What a sonar-only robot and its agents say in so many cycles."""
     said: list[tuple[str, m.Message]] = [
-        ("trajectory", m.Trajectory(1, 5, (m.Waypoint(2, 1, 1.5),), m.Point(0, 0)))
+        ("trajectory", Trajectory(1, 5, (Waypoint(2, 1, 1.5),), m.Point(0, 0)))
     ]
     for number in range(cycles):
         cycle = m.Cycle(7, number)
-        echo = m.Echo(0.07, 0.136, math.pi / 2, 1.5)
+        echo = Echo(0.07, 0.136, math.pi / 2, 1.5)
         points = (m.Point(0.5, 0.25),)
         said += [
             ("robot/state", m.RobotState(cycle, 0.1 * number, 0, 0.1, 0.4, 0, 12.5, True, False)),
-            ("robot/sonar", m.Sonar(cycle, 5.0, (echo,))),
-            ("encoder/pose", m.Pose(cycle, 1 + 0.1 * number, 2, 0.1, (1, 0, 0, 1, 0, 1))),
-            ("sonar/obstacles", m.Obstacles(cycle, None, None, None, None, points)),
-            ("sonar/map", m.LocalMap(cycle, 18, 10, 2.0, (m.Cell(0, 1, 0.9, 1.0, 0.0),))),
+            ("robot/sonar", Sonar(cycle, 5.0, (echo,))),
+            ("encoder/pose", Pose(cycle, 1 + 0.1 * number, 2, 0.1, (1, 0, 0, 1, 0, 1))),
+            ("sonar/obstacles", Obstacles(cycle, None, None, None, None, points)),
+            ("sonar/map", LocalMap(cycle, 18, 10, 2.0, (Cell(0, 1, 0.9, 1.0, 0.0),))),
             ("resource/wheels/ack", m.Ack("wheels", cycle, BALLOT, BALLOT, cycle, 0.6)),
         ]
     return said

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
+from armadico.agents.supervision.messages import MonitorReport
 from armadico.config.discovery import providers
 from armadico.config.scenarios import load_scenario
-from armadico.core.messages import (
-    Cycle,
-    Message,
+from armadico.core.messages import Cycle, Message, RobotState, Stop
+from armadico.core.services import service_of
+from armadico.mobile.messages import (
     MissionRequest,
     MissionState,
     MissionStatus,
-    MonitorReport,
-    RobotState,
-    Stop,
     Trajectory,
     Waypoint,
 )
-from armadico.core.services import service_of
 from armadico.observe.standing import Cause, Sort, standing
 from armadico.observe.view import View
 from armadico.observe.why import Chronicle

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import pytest
 
+from armadico.agents.missions.messages import (
+    Board,
+    BoardMission,
+    Course,
+    MissionEnd,
+    StepEnd,
+    StepResult,
+)
+from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core import messages as m
-from armadico.core.services import QUIET_S, SERVICES
+from armadico.core.services import QUIET_S, services
+from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
 from armadico.observe.view import FRESH_CYCLES, GONE, Rate, View, driver
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
@@ -41,7 +51,7 @@ def test_a_state_that_two_publish_is_named_with_both_and_without_a_robot_two_sim
         keys = ("encoder/pose", "path/plan", "trajectory")  # a state, a query, a latched one
         view.learn(m.Card("encoder", instance, "here", 1, "1", m.PROTOCOL, keys, (), ()), 0.0)
         assert not view.strangers(0.0)
-        view.learn(m.Truth(0, 0, 0, 0, 0, 0, 0, None, f"sim-{digit}"), 0.0)
+        view.learn(Truth(0, 0, 0, 0, 0, 0, 0, None, f"sim-{digit}"), 0.0)
     assert view.doubled == {"encoder/pose": ["encoder-" + "1" * 16, "encoder-" + "2" * 16]}
     assert view.strangers(0.0) == ["sim-1", "sim-2"]
     assert view.truth is None
@@ -54,7 +64,7 @@ def test_a_truth_without_a_name_is_nobodys(told: bool) -> None:
     for _ in range(2):
         if told:
             view.learn(described(""), 0.0)
-        view.learn(m.Truth(0, 50.0, 0, 0, 0, 0, 0, None), 0.0)
+        view.learn(Truth(0, 50.0, 0, 0, 0, 0, 0, None), 0.0)
         assert view.truth is None
     assert view.strangers(0.0) == ([""] if told else [])
 
@@ -65,13 +75,13 @@ def test_a_truth_without_a_name_is_nobodys(told: bool) -> None:
 def test_it_is_lost_from_when_its_pose_is_one_that_nobody_drives_by() -> None:
     view = View()
     assert view.whereabouts(0.0) == ""
-    view.learn(m.Pose(m.Cycle(1, 1), 1.0, 2.0, 0.0), 0.0)
+    view.learn(Pose(m.Cycle(1, 1), 1.0, 2.0, 0.0), 0.0)
     assert view.whereabouts(0.0) == "", "by the wheels alone nobody knows how far it is off"
     for number, wide in ((2, 0.01), (3, 1.0), (4, 2.0)):
-        view.learn(m.Pose(m.Cycle(1, number), 1, 2, 0, (wide, 0, 0, 0, 0, 0.01)), float(number))
+        view.learn(Pose(m.Cycle(1, number), 1, 2, 0, (wide, 0, 0, 0, 0, 0.01)), float(number))
     assert view.lost_since == 3.0
     assert view.whereabouts(15.2) == "LOST for 12 s, +-1.41 m"
-    view.learn(m.Pose(m.Cycle(1, 5), 1, 2, 0, (0.01, 0, 0, 0, 0, 0.01)), 16.0)
+    view.learn(Pose(m.Cycle(1, 5), 1, 2, 0, (0.01, 0, 0, 0, 0, 0.01)), 16.0)
     assert view.lost_since is None
     assert view.whereabouts(16.0) == "+-0.10 m, +-6 deg"
 
@@ -79,7 +89,7 @@ def test_it_is_lost_from_when_its_pose_is_one_that_nobody_drives_by() -> None:
 def test_confidence_is_what_was_said_of_late() -> None:
     view = View()
     assert view.confidence(0.0) is None
-    view.learn(m.Correction(m.Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.9), 1.0)
+    view.learn(Correction(m.Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.9), 1.0)
     assert view.confidence(1.0 + QUIET_S) == 0.9
     assert view.confidence(1.1 + QUIET_S) is None
 
@@ -135,7 +145,7 @@ def test_who_is_silent_tells_neither_of_the_stop_nor_of_a_hand() -> None:
     assert view.stopped(0.0) is None
     stop = m.Stop(1, True, "me")
     view.learn(m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12.5, True, False, stop), 1.0)
-    status = m.TeleopStatus(m.Cycle(1, 1), "ann", True, 0, 0, 1, 1)
+    status = TeleopStatus(m.Cycle(1, 1), "ann", True, 0, 0, 1, 1)
     view.learn(status, 1.0)
     assert view.stopped(1.0 + QUIET_S) is True
     assert view.stopped(1.1 + QUIET_S) is None
@@ -218,8 +228,8 @@ def test_the_newest_of_each_is_known() -> None:
     assert not view.stop.stopped
     cycle = m.Cycle(1, 1)
     state = m.RobotState(cycle, 0, 0, 0, 0.2, 0.1, 12.5, True, False, stop=m.Stop(1, True, "me"))
-    pose, truth = m.Pose(cycle, 1.0, 0.0, 0.0), m.Truth(0.1, 1, 0, 0, 0, 0, 0, None, "sim")
-    mission = m.MissionStatus(7, m.MissionState.DRIVING, 3.5, 0)
+    pose, truth = Pose(cycle, 1.0, 0.0, 0.0), Truth(0.1, 1, 0, 0, 0, 0, 0, None, "sim")
+    mission = MissionStatus(7, MissionState.DRIVING, 3.5, 0)
     for message in (
         described("sim"),
         state,
@@ -237,7 +247,7 @@ def test_the_newest_of_each_is_known() -> None:
 
 def test_what_is_published_counts_for_its_key_and_what_is_answered_does_not() -> None:
     view = View()
-    view.take("encoder/pose", m.Pose(m.Cycle(1, 1), 1.0, 0.0, 0.0), 1.0)
+    view.take("encoder/pose", Pose(m.Cycle(1, 1), 1.0, 0.0, 0.0), 1.0)
     view.take("encoder/pose", None, 1.1)  # it could not be read
     view.learn(card(GOTO), 1.1)
     assert {key: rate.count for key, rate in view.rates.items()} == {"encoder/pose": 2}
@@ -260,7 +270,7 @@ def test_a_rate_is_what_came_over_the_time_it_took() -> None:
 
 
 def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
-    found = {s.key: s.deadline_s for s in SERVICES}
+    found = {s.key: s.deadline_s for s in services()}
     assert found["robot/state"] == pytest.approx(0.3)
     assert found["sonar/map"] == pytest.approx(1.0)
     assert found["resource/{resource}/utility"] is None
@@ -270,20 +280,20 @@ def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
 def test_of_a_board_the_active_mission_is_told() -> None:
     view = View()
     assert view.tasks == ""
-    done = m.StepResult("move(hall)", m.StepEnd.DONE)
-    course = m.Course(results=(done, m.StepResult("dock", m.StepEnd.FAILED)))
-    active = m.BoardMission(
+    done = StepResult("move(hall)", StepEnd.DONE)
+    course = Course(results=(done, StepResult("dock", StepEnd.FAILED)))
+    active = BoardMission(
         7,
         "survey",
         0.5,
-        m.MissionEnd.ACTIVE,
+        MissionEnd.ACTIVE,
         course=course,
         doing="take-photo",
         ahead=("wait(5.0)",),
         note="slow",
     )
-    waits = m.BoardMission(8, "later", 0.2, m.MissionEnd.QUEUED)
-    view.learn(m.Board(3, 1, (waits, active)), 1.0)
+    waits = BoardMission(8, "later", 0.2, MissionEnd.QUEUED)
+    view.learn(Board(3, 1, (waits, active)), 1.0)
     assert view.tasks == "survey: 1 done, take-photo, 1 to come, slow"
-    view.learn(m.Board(4, 1, (waits,)), 2.0)
+    view.learn(Board(4, 1, (waits,)), 2.0)
     assert view.tasks == ""

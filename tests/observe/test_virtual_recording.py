@@ -17,9 +17,9 @@ from armadico import cli
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.core import messages as m
-from armadico.core.geometry import Pose2, compose, to_world
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.geometry import Pose2, compose, to_world
 from armadico.observe.recordings import rows
 from armadico.observe.virtual_recording import BEGUN, Recorded
 

@@ -20,18 +20,11 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.exchange import Bid
-from armadico.core.messages import (
-    PROTOCOL,
-    Correction,
-    Cycle,
-    MissionRequest,
-    Obstacles,
-    RobotState,
-    Stop,
-    Waypoint,
-)
+from armadico.core.messages import PROTOCOL, Cycle, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.mesh.link_faults import WHOLE
+from armadico.mobile.messages import Correction, MissionRequest, Waypoint
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe import why
 from armadico.observe.standing import Cause, Sort
 from armadico.observe.why import Chronicle

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from armadico.core.agent import Agent, Identity, Publish
-from armadico.core.messages import Ballot, Command, Cycle, Pose, RobotState
+from armadico.core.messages import Ballot, Command, Cycle, RobotState
+from armadico.mobile.messages import Pose
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import CALM_S, SLOW_S, identity
 from tests.mesh.fakes import Clock, on_a_fake

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import pytest
 
 import armadico
-from armadico.core.messages import Cycle, Log, Message, Pose
+from armadico.core.messages import Cycle, Log, Message
 from armadico.mesh.topology import NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import Pose
 from armadico.runtime.client import Client
 
 NAMESPACE = "guest-test"

@@ -25,18 +25,20 @@ from armadico.core.messages import (
     Cycle,
     Log,
     Message,
+    RobotState,
+    Stop,
+    encode,
+)
+from armadico.core.resources import WHEELS, Resource
+from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Plan,
     PlanRequest,
     Pose,
-    RobotState,
-    Stop,
     Trajectory,
     Waypoint,
-    encode,
 )
-from armadico.core.resources import WHEELS, Resource
 from armadico.runtime import process
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import AgentHost, identity

@@ -10,17 +10,8 @@ import pytest
 
 from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import QUESTIONS
-from armadico.core.messages import (
-    Cycle,
-    Log,
-    Message,
-    Plan,
-    PlanRequest,
-    RobotState,
-    Stop,
-    Truth,
-    encode,
-)
+from armadico.core.messages import Cycle, Log, Message, RobotState, Stop, encode
+from armadico.mobile.messages import Plan, PlanRequest, Truth
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import AgentHost, identity
 from tests.mesh.fakes import REQUEST, Clock, FakeCall, FakeMesh, on_a_fake

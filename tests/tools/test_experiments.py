@@ -18,7 +18,8 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import World, load_world
 from armadico.core.agent import Identity, Publish
-from armadico.core.messages import Correction, Cycle, Pose, RobotState
+from armadico.core.messages import Cycle, RobotState
+from armadico.mobile.messages import Correction, Pose
 from armadico.observe.conditions import software
 from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main

@@ -14,12 +14,11 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Message,
-    MissionState,
-    MissionStatus,
     encode,
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import BIDS, CARD
+from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.watching import Heard, Presence
 from armadico_tools.hosts.timeline import Story
 

@@ -7,11 +7,7 @@ import zlib
 import pytest
 from msgspec.structs import replace
 
-from armadico.config.missions import read_mission
-from armadico.config.places import Places
-from armadico.config.profile import load_profile
-from armadico.config.worlds import load_world
-from armadico.core.messages import (
+from armadico.agents.missions.messages import (
     Board,
     BoardMission,
     Course,
@@ -19,6 +15,10 @@ from armadico.core.messages import (
     StepEnd,
     StepResult,
 )
+from armadico.agents.missions.mission_file import read_mission
+from armadico.config.places import Places
+from armadico.config.profile import load_profile
+from armadico.config.worlds import load_world
 from armadico_tools.experiments import surveillance
 from armadico_tools.experiments.surveillance import Day, Watchman, as_table, scenario, text_of
 

@@ -8,30 +8,27 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from armadico.config.scenarios import Battery, load_scenario
-from armadico.config.shipped import find
-from armadico.core.agent import Agent
-from armadico.core.messages import (
+from armadico.agents.missions.messages import (
     Alarm,
     Board,
     BoardMission,
     ChargeStatus,
-    Claim,
     EnergyReply,
-    Log,
     MissionCancel,
     MissionEnd,
     MissionOrder,
-    MissionReply,
     Photo,
-    Planned,
-    Pose,
     Subplan,
     SubplanRequest,
 )
+from armadico.config.scenarios import Battery, load_scenario
+from armadico.config.shipped import find
+from armadico.core.agent import Agent
+from armadico.core.messages import Claim, Log
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
+from armadico.mobile.messages import MissionReply, Planned, Pose
 
 SURVEY = find("missions", "surveillance").read_text()
 

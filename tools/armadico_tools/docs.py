@@ -22,25 +22,15 @@ from typing import Any, Final
 
 import cbor2
 
+from armadico.agents.supervision.wakeup import Wakeup
+from armadico.agents.teleop.messages import Stick
 from armadico.config.discovery import summary
 from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
-from armadico.core.messages import (
-    Ack,
-    Ballot,
-    Claim,
-    Command,
-    Cycle,
-    Log,
-    Message,
-    Stick,
-    Stop,
-    Truth,
-    encode,
-)
-from armadico.core.services import SERVICES, TOKEN, Service, matches
-from armadico.launch.wakeup import Wakeup
+from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, Log, Message, Stop, encode
+from armadico.core.services import TOKEN, Service, matches, services
+from armadico.mobile.messages import Truth
 from armadico_tools.docs_fields import fields_of, messages
 from armadico_tools.kept_results import outcomes, pairs, smoothness
 from armadico_tools.markdown import table
@@ -171,7 +161,7 @@ def keys() -> str:
     """The table of services, with who provides and who requests each."""
 
     def rows() -> Iterator[Sequence[str]]:
-        for s in SERVICES:
+        for s in services():
             what = f"[{s.message.__name__}]({_anchor(s.message)})"
             if s.reply is not None:
                 what += f" -> [{s.reply.__name__}]({_anchor(s.reply)})"

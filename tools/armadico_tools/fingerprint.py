@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 
 from armadico.config.scenarios import Scenario, load_scenario, with_sensors
-from armadico.core.services import SERVICES
+from armadico.core.services import services
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 
@@ -24,7 +24,7 @@ def fingerprint(scenario: Scenario, options: Options) -> str:
     rehearsal, digest = Rehearsal(scenario, options), hashlib.sha256()
     rehearsal.mesh.watch(
         lambda key, message, now: digest.update(repr((key, message, now)).encode()),
-        *{service.message for service in SERVICES},
+        *{service.message for service in services()},
     )
     rehearsal.run()
     return digest.hexdigest()

@@ -13,11 +13,12 @@ from pathlib import Path
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
-from armadico.core.geometry import Pose2
-from armadico.core.messages import Correction, Message, Particles, Truth
-from armadico.core.particles import poses_of
+from armadico.core.messages import Message
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Correction, Particles, Truth
+from armadico.mobile.particles import poses_of
 from armadico.observe.pictures import Moment, draw_moments
 
 LASTS_S = 90.0

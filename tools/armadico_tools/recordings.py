@@ -26,18 +26,11 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.config.scenarios import load_scenario
-from armadico.core.messages import (
-    PROTOCOL,
-    BidRecord,
-    Correction,
-    JournalPiece,
-    LocalMap,
-    Obstacles,
-    Particles,
-    Sonar,
-)
+from armadico.core.messages import PROTOCOL, BidRecord, JournalPiece
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Correction, LocalMap, Particles, Sonar
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.journals import JOURNAL
 from armadico.observe.recorder import PROFILE, McapFile
 from armadico.observe.recordings import KINDS, Past, RecordingError, Row, rows

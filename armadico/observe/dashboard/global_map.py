@@ -19,16 +19,10 @@ from PIL import Image
 
 from armadico.config.grid_map import cells_of
 from armadico.config.worlds import Segment, World
-from armadico.core.geometry import Pose2, to_world
-from armadico.core.messages import (
-    Description,
-    OccupancyGrid,
-    Particles,
-    Pose,
-    Trajectory,
-    Truth,
-)
-from armadico.core.particles import poses_of
+from armadico.core.messages import Description
+from armadico.mobile.geometry import Pose2, to_world
+from armadico.mobile.messages import OccupancyGrid, Particles, Pose, Trajectory, Truth
+from armadico.mobile.particles import poses_of
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, Colour, pixels
 from armadico.observe.dashboard.shapes import ellipse, robot_shape

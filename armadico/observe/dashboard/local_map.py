@@ -13,7 +13,9 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from armadico.core.messages import Description, Echo, LocalMap, Obstacles, RobotState, Sonar
+from armadico.core.messages import Description, RobotState
+from armadico.mobile.messages import Echo, LocalMap, Sonar
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.dashboard import palette, shapes
 from armadico.observe.dashboard.canvas import Canvas, pixels
 from armadico.observe.dashboard.shapes import Points

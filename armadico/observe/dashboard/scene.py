@@ -14,11 +14,21 @@ import rerun as rr
 
 from armadico.config.worlds import World
 from armadico.core import messages as m
-from armadico.core.geometry import to_world
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
-from armadico.core.scans import points_of
-from armadico.core.surroundings import Surroundings
+from armadico.mobile.geometry import to_world
+from armadico.mobile.messages import (
+    LocalMap,
+    OccupancyGrid,
+    Particles,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Truth,
+)
+from armadico.mobile.obstacles import Obstacles, Surroundings
+from armadico.mobile.scans import points_of
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.dashboard.global_map import GlobalMap
 from armadico.observe.dashboard.local_map import LocalView, Zones
@@ -30,15 +40,15 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
     m.Description,
     m.Ack,
-    m.Pose,
-    m.Particles,
-    m.Truth,
-    m.Sonar,
-    m.Scan,
-    m.Obstacles,
-    m.LocalMap,
-    m.OccupancyGrid,
-    m.Trajectory,
+    Pose,
+    Particles,
+    Truth,
+    Sonar,
+    Scan,
+    Obstacles,
+    LocalMap,
+    OccupancyGrid,
+    Trajectory,
     m.Claim,
 )
 """The messages to subscribe to. Agents are asked for their `BidHistory`."""
@@ -67,15 +77,15 @@ class Scene:
             m.RobotState: self._state,
             m.Description: self._described,
             m.Ack: lambda ack, t: self._utilities.take_cycle(ack.cycle, t),
-            m.Pose: self._pose,
-            m.Particles: self._map.take_particles,
-            m.Truth: self._truth,
-            m.Sonar: self._sonar,
-            m.Scan: self._scan,
-            m.Obstacles: self._near,
-            m.LocalMap: self._local.take_map,
-            m.OccupancyGrid: self._map.take_grid,
-            m.Trajectory: self._map.take_trajectory,
+            Pose: self._pose,
+            Particles: self._map.take_particles,
+            Truth: self._truth,
+            Sonar: self._sonar,
+            Scan: self._scan,
+            Obstacles: self._near,
+            LocalMap: self._local.take_map,
+            OccupancyGrid: self._map.take_grid,
+            Trajectory: self._map.take_trajectory,
             m.Claim: self._utilities.take_claim,
             m.BidHistory: lambda history, _t: self._utilities.take_history(history),
         }
@@ -103,28 +113,28 @@ class Scene:
     def _described(self, robot: m.Description, _t: float) -> None:
         self._map.take_description(robot)
         self._local.take_description(robot)
-        self._surroundings.describe(robot.sensors)
+        self._surroundings.describe(robot)
 
-    def _pose(self, pose: m.Pose, t: float) -> None:
+    def _pose(self, pose: Pose, t: float) -> None:
         self._map.take_pose(pose, self._utilities.holders.get(WHEELS.name, NOBODY), t)
 
-    def _truth(self, truth: m.Truth, t: float) -> None:
+    def _truth(self, truth: Truth, t: float) -> None:
         if truth is self.view.truth:  # and not another simulator's
             self._map.take_truth(truth, t)
 
-    def _sonar(self, sonar: m.Sonar, t: float) -> None:
+    def _sonar(self, sonar: Sonar, t: float) -> None:
         self._local.take_sonar(sonar, t)
         echoes = [((e.x, e.y, e.bearing), e.range) for e in sonar.echoes if e.range is not None]
         self._map.take_seen([to_world(place, far, 0.0) for place, far in echoes], t)
 
-    def _scan(self, scan: m.Scan, t: float) -> None:
+    def _scan(self, scan: Scan, t: float) -> None:
         with suppress(ValueError):  # a malformed scan is ignored
             points = points_of(scan)
             self._local.take_seen(points, t)
             self._map.take_seen(points[:: max(1, len(points) // SHOWN_RAYS)].tolist(), t)
 
-    def _near(self, obstacles: m.Obstacles, t: float) -> None:
-        if self._surroundings.counts(obstacles.sensor):
-            around = self._surroundings.take(obstacles)
+    def _near(self, obstacles: Obstacles, t: float) -> None:
+        if self._surroundings.counts(obstacles):
+            around = self._surroundings.update(obstacles)
             if around is not None:
                 self._local.take_obstacles(around, t)

@@ -9,7 +9,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from armadico.core.messages import Description, Echo
+from armadico.core.messages import Description
+from armadico.mobile.messages import Echo
 from armadico.observe.dashboard.canvas import Colour, pixels
 
 Points = NDArray[np.float64]

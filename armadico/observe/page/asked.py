@@ -15,26 +15,21 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
+from armadico.agents.missions.messages import MissionCancel, MissionOrder
+from armadico.agents.supervision.messages import WakeupOrder, WakeupReply, WakeupRequest
+from armadico.agents.teleop.messages import Stick
 from armadico.core.messages import (
     Cycle,
     Message,
-    MissionCancel,
-    MissionOrder,
-    MissionReply,
-    MissionRequest,
     ParametersReply,
     ParametersRequest,
     RobotState,
     Setting,
-    Stick,
     Stop,
-    WakeupOrder,
-    WakeupReply,
-    WakeupRequest,
-    Waypoint,
     plain,
 )
 from armadico.core.services import service_of
+from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 from armadico.observe.page.known import Known
 from armadico.observe.page.requests import (
     Cancel,

@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from armadico.core.messages import HostShare, KeptState, ParameterChange, ParametersReply, plain
+from armadico.agents.supervision.messages import HostShare, KeptState
+from armadico.core.messages import ParameterChange, ParametersReply, plain
 from armadico.core.services import service_of
 from armadico.observe.view import View
 

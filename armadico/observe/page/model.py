@@ -12,23 +12,15 @@ from collections.abc import Callable, Collection, Mapping
 from math import isfinite
 from typing import Any, Final
 
+from armadico.agents.missions.messages import BoardMission, MissionEnd, StepEnd
+from armadico.agents.supervision.messages import HostShare
+from armadico.agents.teleop.messages import Stick
 from armadico.config.worlds import World
-from armadico.core.messages import (
-    BoardMission,
-    HostShare,
-    Message,
-    MissionEnd,
-    Obstacles,
-    OccupancyGrid,
-    ParameterChange,
-    ParametersReply,
-    Pose,
-    RobotState,
-    StepEnd,
-    Stick,
-)
+from armadico.core.messages import Message, ParameterChange, ParametersReply, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S, service_of
+from armadico.mobile.messages import OccupancyGrid, Pose
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.page.asked import Asked, Shipped
 from armadico.observe.page.known import Known
 from armadico.observe.pictures import colour

@@ -12,11 +12,12 @@ from armadico.bridge.ros2.graph import Endpoint
 from armadico.bridge.ros2.outside import SocietyNode, unfit
 from armadico.bridge.ros2.society import Society
 from armadico.core import messages as m
+from armadico.mobile.messages import Pose
 from armadico.observe.translators import Sample
 
 GOAL = "/goal_pose"
 STATE = m.RobotState(m.Cycle(7, 1), 1, 2, 0.5, 0.4, -0.2, 12.5, True, False)
-POSE = m.Pose(m.Cycle(7, 1), 4, 3, 0)
+POSE = Pose(m.Cycle(7, 1), 4, 3, 0)
 
 
 class Wire:

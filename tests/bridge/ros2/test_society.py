@@ -14,8 +14,23 @@ from armadico.bridge.ros2.society import MOST, Society, ros_namespace
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
-from armadico.core.geometry import compose
-from armadico.core.scans import message_of as message_of_scan
+from armadico.mobile.geometry import compose
+from armadico.mobile.messages import (
+    BatteryLevel,
+    Cell,
+    Echo,
+    LocalMap,
+    MissionState,
+    MissionStatus,
+    OccupancyGrid,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import message_of as message_of_scan
 
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND + 5
@@ -76,7 +91,7 @@ def test_a_heading_of_many_turns_is_a_rotation() -> None:
 
 
 def test_map_to_base_link_is_the_pose_whoever_corrected_it() -> None:
-    pose = m.Pose(cycle(), 4.0, -3.0, 2.0)
+    pose = Pose(cycle(), 4.0, -3.0, 2.0)
     found = said(Society(), state(), pose)
     moved = transforms(found["/tf"])
     assert moved["odom"].header.frame_id == "map"
@@ -88,12 +103,12 @@ def test_map_to_base_link_is_the_pose_whoever_corrected_it() -> None:
 
 def test_a_pose_of_an_unknown_cycle_moves_no_frame() -> None:
     society = Society()
-    assert "/tf" not in said(society, m.Pose(cycle(9), 4.0, -3.0, 2.0))
+    assert "/tf" not in said(society, Pose(cycle(9), 4.0, -3.0, 2.0))
 
 
 def test_a_pose_may_come_before_the_state_that_it_answers_and_after() -> None:
     early, late = Society(), Society()
-    pose = m.Pose(cycle(9), 4.0, -3.0, 2.0)
+    pose = Pose(cycle(9), 4.0, -3.0, 2.0)
     said(early, pose, at=NOW - 1000)
     moved = transforms(said(early, state(9))["/tf"])
     assert moved == transforms(said(late, state(9), state(10), pose)["/tf"]) | {
@@ -108,25 +123,25 @@ def test_what_is_measured_in_a_cycle_has_one_stamp() -> None:
     said(society, state())
     later = NOW + SECOND // 50
     found = said(
-        society, m.Pose(cycle(), 0, 0, 0), m.Obstacles(cycle(), None, None, None, None), at=later
+        society, Pose(cycle(), 0, 0, 0), Obstacles(cycle(), None, None, None, None), at=later
     )
     assert {s.header.stamp.nanosec for s in (*found["/pose"], *found["/obstacles"])} == {5}
 
 
 def test_the_covariance_is_that_of_x_y_and_yaw() -> None:
-    (pose,) = said(Society(), m.Pose(cycle(), 0, 0, 0, (1, 2, 3, 4, 5, 6)))["/pose"]
+    (pose,) = said(Society(), Pose(cycle(), 0, 0, 0, (1, 2, 3, 4, 5, 6)))["/pose"]
     whole = np.array(pose.pose.covariance).reshape(6, 6)
     assert (whole == whole.T).all()
     assert whole[np.ix_((0, 1, 5), (0, 1, 5))].tolist() == [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
     assert np.count_nonzero(whole) == 9
-    (unknown,) = said(Society(), m.Pose(cycle(), 0, 0, 0))["/pose"]
+    (unknown,) = said(Society(), Pose(cycle(), 0, 0, 0))["/pose"]
     assert not any(unknown.pose.covariance)
 
 
 def test_sonars_are_ranges_in_frames_of_their_own() -> None:
-    front, rear = m.Echo(0.07, 0.136, math.pi / 2, 1.5), m.Echo(-0.2, 0.1, math.pi / 2, None)
+    front, rear = Echo(0.07, 0.136, math.pi / 2, 1.5), Echo(-0.2, 0.1, math.pi / 2, None)
     society = Society()
-    found = said(society, state(), m.Sonar(cycle(), 5.0, (front, rear)))
+    found = said(society, state(), Sonar(cycle(), 5.0, (front, rear)))
     near, far = found["/sonar"]
     assert (near.header.frame_id, near.range) == ("sonar_90", 1.5)
     assert (far.header.frame_id, far.range) == ("sonar_rear_90", math.inf)
@@ -134,25 +149,25 @@ def test_sonars_are_ranges_in_frames_of_their_own() -> None:
     static = transforms(found["/tf_static"])
     assert static["sonar_90"].header.frame_id == "base_link"
     assert where(static["sonar_90"]) == pytest.approx((0.07, 0.136, math.pi / 2))
-    assert "/tf_static" not in said(society, m.Sonar(cycle(2), 5.0, (front,)))
+    assert "/tf_static" not in said(society, Sonar(cycle(2), 5.0, (front,)))
 
 
 def test_how_wide_a_sonar_hears_and_from_where_on_the_robot_says() -> None:
     limits = (0.1, 0.1, 0.1, 1.0, 1.0, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
-    echo, society = m.Echo(0.1, 0.0, 0.0, 1.5), Society()
-    (before,) = said(society, m.Sonar(cycle(), 5.0, (echo,)))["/sonar"]
+    echo, society = Echo(0.1, 0.0, 0.0, 1.5), Society()
+    (before,) = said(society, Sonar(cycle(), 5.0, (echo,)))["/sonar"]
     assert (before.field_of_view, before.min_range) == (0.0, 0.0)
     said(society, m.Description("slim", 0.1, *limits, cone=0.25, nearest=0.125))
-    (after,) = said(society, m.Sonar(cycle(2), 5.0, (echo,)))["/sonar"]
+    (after,) = said(society, Sonar(cycle(2), 5.0, (echo,)))["/sonar"]
     assert (after.field_of_view, after.min_range) == (0.25, 0.125)
 
 
 def test_all_sonars_are_in_the_newest_static_transforms() -> None:
     society = Society()
-    ring = [m.Echo(0.1, 0.0, math.radians(deg), 1.0) for deg in (-50, 10, 10, 30)]
-    ring[2] = m.Echo(0.1, 0.05, ring[1].bearing, 1.0)
+    ring = [Echo(0.1, 0.0, math.radians(deg), 1.0) for deg in (-50, 10, 10, 30)]
+    ring[2] = Echo(0.1, 0.05, ring[1].bearing, 1.0)
     for echo in ring:
-        found = said(society, m.Sonar(cycle(), 5.0, (echo,)))
+        found = said(society, Sonar(cycle(), 5.0, (echo,)))
     assert len(transforms(found["/tf_static"])) == 4
     assert found["/sonar"][0].header.frame_id == "sonar_30"
 
@@ -160,9 +175,9 @@ def test_all_sonars_are_in_the_newest_static_transforms() -> None:
 def test_who_makes_up_sonars_and_resources_without_end_is_not_heard() -> None:
     society = Society()
     for number in range(2 * MOST):
-        said(society, m.Sonar(cycle(), 5.0, (m.Echo(0.0, 0.0, 1e-3 * number, 1.0),)))
+        said(society, Sonar(cycle(), 5.0, (Echo(0.0, 0.0, 1e-3 * number, 1.0),)))
         said(society, m.Ack(f"made-up-{number}", cycle()))
-    found = said(society, m.Sonar(cycle(), 5.0, (m.Echo(0.0, 0.0, 0.0, 1.0), m.Echo(1, 1, 1, 1.0))))
+    found = said(society, Sonar(cycle(), 5.0, (Echo(0.0, 0.0, 0.0, 1.0), Echo(1, 1, 1, 1.0))))
     assert len(found["/sonar"]) == 1
     (told,) = said(society, state(), at=NOW + 9 * SECOND)["/diagnostics"]
     assert len(told.status) == MOST + 1
@@ -196,25 +211,25 @@ def test_a_scan_that_turns_the_other_way_keeps_its_angles() -> None:
 
 
 def test_a_scan_without_a_ray_is_a_scan_without_a_range() -> None:
-    (laser,) = said(Society(), m.Scan(cycle(), 0, 0, 0, 0.1, 5.0, b""))["/scan"]
+    (laser,) = said(Society(), Scan(cycle(), 0, 0, 0, 0.1, 5.0, b""))["/scan"]
     assert not laser.ranges
 
 
 @pytest.mark.parametrize(
     "absurd",
     [
-        m.Scan(cycle(), 0, 0, 0, 0.1, 5.0, b"odd"),
-        m.Scan(cycle(), 0, 0, 0, 0.0, 5.0, b"even"),
-        m.Scan(cycle(), 10, -10, 1e6, -1.0, 100, bytes(4096)),
+        Scan(cycle(), 0, 0, 0, 0.1, 5.0, b"odd"),
+        Scan(cycle(), 0, 0, 0, 0.0, 5.0, b"even"),
+        Scan(cycle(), 10, -10, 1e6, -1.0, 100, bytes(4096)),
         m.RobotState(cycle(), 2e5, -2e5, 1e6, 100, -1000, 1e4, False, True),
-        m.Pose(cycle(), 1e6, -1e6, -1e6, (1e6,) * 6),
-        m.Sonar(cycle(), 100, (m.Echo(10, 10, -1e6, 100),)),
-        m.Obstacles(cycle(), None, None, None, None, (m.Point(1e6, -1e6),) * 2048),
-        m.LocalMap(cycle(), 1, 1, 1e-9, (m.Cell(359, 999, 1, 1e6, -1e6),)),
-        m.Trajectory(0, 0, (m.Waypoint(1e6, -1e6, 1e6),) * 1024, m.Point(-1e6, 1e6)),
+        Pose(cycle(), 1e6, -1e6, -1e6, (1e6,) * 6),
+        Sonar(cycle(), 100, (Echo(10, 10, -1e6, 100),)),
+        Obstacles(cycle(), None, None, None, None, (m.Point(1e6, -1e6),) * 2048),
+        LocalMap(cycle(), 1, 1, 1e-9, (Cell(359, 999, 1, 1e6, -1e6),)),
+        Trajectory(0, 0, (Waypoint(1e6, -1e6, 1e6),) * 1024, m.Point(-1e6, 1e6)),
         m.Ack("é" * 100, cycle(), None, BALLOT, cycle()),
-        m.MissionStatus(0, m.MissionState.FAILED, 1e6, 2**52, "\u2764" * 100),
-        m.BatteryLevel(cycle(), 1e4, 1, 1e12),
+        MissionStatus(0, MissionState.FAILED, 1e6, 2**52, "\u2764" * 100),
+        BatteryLevel(cycle(), 1e4, 1, 1e12),
     ],
     ids=lambda message: type(message).__name__,
 )
@@ -226,7 +241,7 @@ def test_whatever_a_message_may_hold_ends_nobody(absurd: m.Message) -> None:
 
 def test_obstacles_are_points_in_the_body_frame() -> None:
     points = (m.Point(0.5, 0.25), m.Point(-1.0, 2.0))
-    (cloud,) = said(Society(), m.Obstacles(cycle(), None, None, None, None, points))["/obstacles"]
+    (cloud,) = said(Society(), Obstacles(cycle(), None, None, None, None, points))["/obstacles"]
     assert cloud.header.frame_id == "base_link"
     assert [f.name for f in cloud.fields] == ["x", "y", "z"]
     assert (cloud.width, cloud.row_step) == (2, 24)
@@ -236,11 +251,11 @@ def test_obstacles_are_points_in_the_body_frame() -> None:
 
 def test_obstacles_of_several_sensors_are_one_cloud() -> None:
     society = Society()
-    near = m.Obstacles(cycle(5), None, None, None, None, (m.Point(1, 0),))
+    near = Obstacles(cycle(5), None, None, None, None, (m.Point(1, 0),))
     list(society.take("laser/obstacles", near, NOW))
 
     def width(number: int) -> int:
-        other = m.Obstacles(cycle(number), None, None, None, None, (m.Point(2, 0),))
+        other = Obstacles(cycle(number), None, None, None, None, (m.Point(2, 0),))
         found = [
             s
             for s in society.take("sonar/obstacles", other, NOW)
@@ -253,8 +268,8 @@ def test_obstacles_of_several_sensors_are_one_cloud() -> None:
 
 
 def test_the_local_map_is_a_square_around_the_robot() -> None:
-    cells = (m.Cell(0, 1, 0.9, 1.01, 0.02), m.Cell(0, 1, 0.3, 1.02, 0.03))
-    (grid,) = said(Society(), m.LocalMap(cycle(), 18, 10, 2.0, cells))["/local_map"]
+    cells = (Cell(0, 1, 0.9, 1.01, 0.02), Cell(0, 1, 0.3, 1.02, 0.03))
+    (grid,) = said(Society(), LocalMap(cycle(), 18, 10, 2.0, cells))["/local_map"]
     assert grid.header.frame_id == "base_link"
     assert (grid.info.width, grid.info.height, len(grid.data)) == (40, 40, 1600)
     assert (grid.info.origin.position.x, grid.info.resolution) == (-2.0, pytest.approx(0.1))
@@ -264,7 +279,7 @@ def test_the_local_map_is_a_square_around_the_robot() -> None:
 
 
 def test_a_local_map_that_reaches_far_comes_in_larger_cells() -> None:
-    (grid,) = said(Society(), m.LocalMap(cycle(), 18, 10, 100.0, ()))["/local_map"]
+    (grid,) = said(Society(), LocalMap(cycle(), 18, 10, 100.0, ()))["/local_map"]
     assert grid.info.width <= 256
     assert grid.info.width * grid.info.resolution == pytest.approx(200.0)
 
@@ -281,7 +296,7 @@ def test_the_map_is_said_when_it_has_changed() -> None:
 
 
 def test_a_grid_that_is_none_is_no_map() -> None:
-    lies = m.OccupancyGrid(0, 0, 0.05, 60_000, 60_000, b"not deflated")
+    lies = OccupancyGrid(0, 0, 0.05, 60_000, 60_000, b"not deflated")
     assert "/map" not in said(Society(), lies)
 
 
@@ -297,14 +312,14 @@ def test_a_worlds_walls_are_the_map_until_there_is_another() -> None:
 
 
 def test_a_path_begins_where_the_mission_did_and_is_said_once() -> None:
-    mission = m.Trajectory(1, 5, (m.Waypoint(1, 1, 0), m.Waypoint(2, 1, 1.5)), m.Point(0, 0))
+    mission = Trajectory(1, 5, (Waypoint(1, 1, 0), Waypoint(2, 1, 1.5)), m.Point(0, 0))
     society = Society()
     (path,) = said(society, mission)["/path"]
     assert [(p.pose.position.x, p.pose.position.y) for p in path.poses] == [(0, 0), (1, 1), (2, 1)]
     assert yaw(path.poses[0].pose.orientation) == pytest.approx(math.pi / 4)
     assert {p.header.frame_id for p in path.poses} == {"map"}
     assert "/path" not in said(society, mission)
-    (ended,) = said(society, m.Trajectory(2, 5, ()))["/path"]
+    (ended,) = said(society, Trajectory(2, 5, ()))["/path"]
     assert not ended.poses
 
 
@@ -314,7 +329,7 @@ def test_the_battery_is_said_once_a_second() -> None:
     assert (battery.voltage, battery.power_supply_status, battery.present) == (12.5, 1, True)
     assert math.isnan(battery.percentage)
     assert "/battery_state" not in said(society, state(2), at=NOW + SECOND // 10)
-    level = m.BatteryLevel(cycle(), 12.4, 0.5, 1000.0)
+    level = BatteryLevel(cycle(), 12.4, 0.5, 1000.0)
     (battery,) = said(society, level, state(3), at=NOW + SECOND)["/battery_state"]
     assert (battery.percentage, battery.power_supply_status) == (0.5, 2)
 
@@ -347,7 +362,7 @@ def test_a_robot_that_is_stopped_or_lost_is_not_well() -> None:
     stop = m.Stop(1, True, "armadico stop", 9)
     found = told(said(Society(), state(stop=stop)))["robot"]
     assert (found.level, found.message) == (1, "stopped by armadico stop")
-    lost = m.Pose(cycle(), 0, 0, 0, (9.0, 0, 0, 9.0, 0, 1.0))
+    lost = Pose(cycle(), 0, 0, 0, (9.0, 0, 0, 9.0, 0, 1.0))
     society = Society()
     said(society, state())
     assert told(said(society, lost, state(2), at=NOW + 2 * SECOND))["robot"].level == 2
@@ -358,9 +373,7 @@ def test_a_robot_that_is_stopped_or_lost_is_not_well() -> None:
 
 def test_several_robots_share_the_map_and_nothing_else() -> None:
     society = Society("lab/robot-1")
-    found = said(
-        society, state(), m.Pose(cycle(), 0, 0, 0), m.Sonar(cycle(), 5.0, (m.Echo(0, 0, 0, 1),))
-    )
+    found = said(society, state(), Pose(cycle(), 0, 0, 0), Sonar(cycle(), 5.0, (Echo(0, 0, 0, 1),)))
     assert {t for t in found if t not in {"/tf", "/tf_static", "/diagnostics"}} == {
         *("/lab/robot_1/odom", "/lab/robot_1/pose", "/lab/robot_1/sonar"),
         "/lab/robot_1/battery_state",
@@ -397,9 +410,7 @@ def test_what_a_robot_of_ros2_says_by_itself_is_told_from_the_rest() -> None:
     own = {c.topic for c in Society().channels if c.own}
     assert own == {"/tf", "/tf_static", "/odom", "/scan", "/sonar", "/battery_state"}
     society = Society()
-    samples = [
-        s for said in (state(), m.Pose(cycle(), 0, 0, 0)) for s in society.take("", said, NOW)
-    ]
+    samples = [s for said in (state(), Pose(cycle(), 0, 0, 0)) for s in society.take("", said, NOW)]
     corrected = {
         transform.child_frame_id
         for channel, data in samples
@@ -420,7 +431,7 @@ def goal(x=1.0, y=2.0, theta=0.5, frame="map", stamp=0, **turned) -> bytes:
 
 def ready() -> Society:
     society = Society()
-    said(society, state(), m.Pose(cycle(), 4.0, -3.0, math.pi / 2))
+    said(society, state(), Pose(cycle(), 4.0, -3.0, math.pi / 2))
     return society
 
 
@@ -487,7 +498,7 @@ JSON = (
 
 def test_a_goal_may_be_json_as_viewers_write_it() -> None:
     for schema in ("geometry_msgs/PoseStamped", "geometry_msgs/msg/PoseStamped", ""):
-        assert ready().goal(JSON, "json", schema).goal == m.Waypoint(1.0, 2.0, 0.0)
+        assert ready().goal(JSON, "json", schema).goal == Waypoint(1.0, 2.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,17 @@ from armadico.bridge.ros2.outside import NODE, SocietyNode
 from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
+from armadico.mobile.messages import (
+    Cell,
+    Echo,
+    LocalMap,
+    MissionRequest,
+    Pose,
+    Sonar,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
 from tests import real_ros
 
 pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
@@ -36,18 +47,18 @@ def cycles() -> Iterator[list[m.Message]]:
     """What a society says, cycle by cycle, for ever."""
     for number in itertools.count():
         cycle = m.Cycle(7, number)
-        echo = m.Echo(0.07, 0.136, math.pi / 2, None)
+        echo = Echo(0.07, 0.136, math.pi / 2, None)
         yield [
             m.RobotState(cycle, 1.5, 2, 0.5, 0.4, -0.2, 12.5, True, False),
-            m.Sonar(cycle, 5.0, (echo,)),
-            m.Pose(cycle, 4, 3, 0, COVARIANCE),
-            m.Obstacles(cycle, None, None, None, None, (m.Point(1, 0), m.Point(2, 0))),
+            Sonar(cycle, 5.0, (echo,)),
+            Pose(cycle, 4, 3, 0, COVARIANCE),
+            Obstacles(cycle, None, None, None, None, (m.Point(1, 0), m.Point(2, 0))),
         ]
 
 
 ONCE = [
-    m.Trajectory(1, 5, (m.Waypoint(2, 1, 1.5),), m.Point(0, 0)),
-    m.LocalMap(m.Cycle(7, 0), 18, 10, 2.0, (m.Cell(0, 1, 0.9, 1.0, 0.0),)),
+    Trajectory(1, 5, (Waypoint(2, 1, 1.5),), m.Point(0, 0)),
+    LocalMap(m.Cycle(7, 0), 18, 10, 2.0, (Cell(0, 1, 0.9, 1.0, 0.0),)),
 ]
 
 
@@ -158,12 +169,12 @@ def test_a_goal_of_a_viewer_is_a_mission(stack: ExitStack, domain: int) -> None:
     stage = Stage(stack, domain, "robot1")
     viewer = Viewer(stack, domain, "robot1")
     viewer.goal(2.0, -1.0)
-    asked: list[m.MissionRequest] = []
+    asked: list[MissionRequest] = []
     while not asked:
         stage.turn()
         viewer.look()
         asked = [stage.society.goal(each.data, each.encoding) for each in stage.outside.asked()]
-    assert asked == [m.MissionRequest(m.Waypoint(2.0, -1.0, 0.0))]
+    assert asked == [MissionRequest(Waypoint(2.0, -1.0, 0.0))]
     while "odom" not in viewer.heard:
         stage.turn()
         viewer.look()

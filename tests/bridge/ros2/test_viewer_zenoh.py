@@ -17,6 +17,7 @@ from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.mesh.ports import free_port
+from armadico.mobile.messages import MissionRequest, Pose, Waypoint
 
 pytestmark = pytest.mark.live
 
@@ -42,13 +43,13 @@ def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wi
     society = Society(world=WORLD)
     outside = SocietyNode(ours, society.channels, society.goals, said.append, settle_s=0.0)
     read: Counter[str] = Counter()
-    asked: list[m.MissionRequest] = []
+    asked: list[MissionRequest] = []
     goal = types.PoseStamped(types.Header(frame_id="map"), types.Pose(types.Point(1.0, 2.0)))
     number = 0
     while not ({"/map", "/tf", "/odom"} <= read.keys() and asked):
         cycle = m.Cycle(7, number)
         state = m.RobotState(cycle, 1, 2, 0.5, 0.4, -0.2, 12.5, True, False)
-        for message in (state, m.Pose(cycle, 4, 3, 0)):
+        for message in (state, Pose(cycle, 4, 3, 0)):
             for sample in society.take("", message, number):
                 outside.publish(sample, number)
         if number == 10:  # the map has been said, once
@@ -66,5 +67,5 @@ def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wi
         asked += [society.goal(each.data, each.encoding) for each in outside.asked()]
         number += 1
     assert read["/map"] == 1
-    assert asked[0] == m.MissionRequest(m.Waypoint(1.0, 2.0, 0.0))
+    assert asked[0] == MissionRequest(Waypoint(1.0, 2.0, 0.0))
     assert not said

@@ -6,12 +6,13 @@ import json
 
 import pytest
 
-from armadico.agents.assistant import Assistant
+from armadico.agents.assistant.assistant import Assistant
+from armadico.agents.assistant.mcp_answers import Society
+from armadico.agents.assistant.messages import AssistantRequest
 from armadico.config.worlds import load_world
-from armadico.core.messages import AssistantRequest, Cycle, RobotState, Stop
+from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.mcp.answers import Society
 from tests.observe.overheard import Overheard
 
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.core.messages import AssistantRequest, MessageError, checked
-from armadico.core.tools import TOOLS
-from armadico.observe.mcp.lines import LONGEST, STATELESS, VERSIONS, Call, Lines, answer
+from armadico.agents.assistant.mcp_lines import LONGEST, STATELESS, VERSIONS, Call, Lines, answer
+from armadico.agents.assistant.messages import AssistantRequest
+from armadico.agents.assistant.tools import TOOLS
+from armadico.core.messages import MessageError, checked
 
 
 def said(**fields: object) -> bytes:

@@ -13,10 +13,11 @@ from typing import Any
 
 import pytest
 
-from armadico.core.messages import AssistantReply, AssistantRequest, Cycle, RobotState, Stop
-from armadico.observe.mcp.answers import Society
-from armadico.observe.mcp.lines import LONGEST, Lines
-from armadico.observe.mcp.server import WAITING, Server, lines_of
+from armadico.agents.assistant.mcp_answers import Society
+from armadico.agents.assistant.mcp_lines import LONGEST, Lines
+from armadico.agents.assistant.mcp_server import WAITING, Server, lines_of
+from armadico.agents.assistant.messages import AssistantReply, AssistantRequest
+from armadico.core.messages import Cycle, RobotState, Stop
 
 SOON = 30.0
 RESTS = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "model", 5))
@@ -173,7 +174,7 @@ def test_of_a_line_that_is_too_long_no_more_is_kept_than_shows_that(end: bytes) 
 def test_who_leaves_while_somebody_may_still_write_is_not_aborted_for_that() -> None:
     program = """if True:
         import queue, sys, threading
-        from armadico.observe.mcp.server import lines_of
+        from armadico.agents.assistant.mcp_server import lines_of
         found = queue.SimpleQueue()
         read = lambda: [*map(found.put, lines_of(sys.stdin.buffer))]
         threading.Thread(target=read, daemon=True).start()

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from armadico.agents.teleop import Teleop
+from armadico.agents.teleop.messages import Stick
+from armadico.agents.teleop.teleop import Teleop
 from armadico.core import messages as m
 from armadico.mesh.ports import LOOPBACK
 from armadico.observe.page.guard import Guard
@@ -151,9 +152,9 @@ def test_two_browsers_one_stops_the_other_resumes(
         assert other.said("Runtime.exceptionThrown") == []
 
 
-def sticks(stage: Served) -> list[m.Stick]:
-    heard: list[m.Stick] = []
-    stage.did(lambda: stage.mesh.watch(lambda _, stick, t: heard.append(stick), m.Stick))
+def sticks(stage: Served) -> list[Stick]:
+    heard: list[Stick] = []
+    stage.did(lambda: stage.mesh.watch(lambda _, stick, t: heard.append(stick), Stick))
     return heard
 
 

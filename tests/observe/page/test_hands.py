@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from armadico.agents.teleop import Teleop
-from armadico.core import messages as m
+from armadico.agents.teleop.messages import Stick
+from armadico.agents.teleop.teleop import Teleop
+from armadico.mobile.messages import Truth
 from armadico.observe.page.session import TURN_S
 from tests.framework.robots import body
 from tests.observe.page.stage import Stage
@@ -27,11 +28,11 @@ class Hands(Stage):
         super().__init__("sc1")
         self.run.add(Teleop)
         self.sticks: dict[str, tuple[float, float]] = {}
-        self.truths: list[m.Truth] = []
-        self.heard: list[m.Stick] = []
+        self.truths: list[Truth] = []
+        self.heard: list[Stick] = []
         self._send_at = 0.0
-        self.mesh.watch(lambda _, truth, t: self.truths.append(truth), m.Truth)
-        self.mesh.watch(lambda _, stick, t: self.heard.append(stick), m.Stick)
+        self.mesh.watch(lambda _, truth, t: self.truths.append(truth), Truth)
+        self.mesh.watch(lambda _, stick, t: self.heard.append(stick), Stick)
         self.ready()
         self.session.came("page 2")
         self.until(lambda: self.parts["hand"]["there"])

@@ -9,13 +9,16 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.fleet.run import FleetRehearsal
+from armadico.agents.supervision.messages import HostShare, Kept, KeptState
+from armadico.agents.teleop.messages import Stick
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
-from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import Truth
 from armadico.observe.page.model import Robot
 from armadico.observe.page.session import Session
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
@@ -205,7 +208,7 @@ def path(*, looked_at: bool) -> list[tuple[float, float, float, float]]:
     """Where the robot is at each cycle; the page is killed in the middle."""
     stage = Stage(seed=11)
     steps: list[tuple[float, float, float, float]] = []
-    stage.mesh.watch(lambda _, p, t: steps.append((t, p.x, p.y, p.theta)), m.Truth)
+    stage.mesh.watch(lambda _, p, t: steps.append((t, p.x, p.y, p.theta)), Truth)
     if looked_at:
         stage.session.came("page 1")
         stage.session.came("page 2")
@@ -315,8 +318,8 @@ def test_what_one_browser_floods_takes_nothing_from_another(stage: Stage) -> Non
 
 
 def test_a_flood_of_sticks_is_none_on_the_mesh_and_the_newest_is_said(stage: Stage) -> None:
-    heard: list[m.Stick] = []
-    stage.mesh.watch(lambda _key, message, _t: heard.append(message), m.Stick)
+    heard: list[Stick] = []
+    stage.mesh.watch(lambda _key, message, _t: heard.append(message), Stick)
     cycle = stage.parts["motion"]["cycle"]
     for _ in range(20):
         for at in range(50):
@@ -384,8 +387,8 @@ def test_an_agent_that_a_host_keeps_up_is_restarted_by_its_wakeup_agent() -> Non
 @pytest.mark.parametrize("name", ["**", "*", "a?b", "other-1"])
 def test_a_share_under_anothers_name_is_nobodys(stage: Stage, name: str) -> None:
     """Or a click would ask everybody, or by a key that is none."""
-    kept = m.Kept(("goto",), m.KeptState.UP, 77)
-    share = m.HostShare(name, "here", (kept,), ("dock",))
+    kept = Kept(("goto",), KeptState.UP, 77)
+    share = HostShare(name, "here", (kept,), ("dock",))
     VirtualSession(stage.mesh, HOME, name="stranger").publish("wakeup/stranger-1/share", share)
     stage.pass_(0.5)
     for do, agent in (("restart", "goto"), ("start", "dock")):

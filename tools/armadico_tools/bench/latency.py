@@ -31,17 +31,15 @@ from armadico.core.messages import (
     Claim,
     Command,
     Cycle,
-    Echo,
     Message,
-    Obstacles,
     Point,
-    Pose,
     RobotState,
-    Sonar,
     encode,
 )
 from armadico.launch.local import Launcher
 from armadico.launch.society import Options
+from armadico.mobile.messages import Echo, Pose, Sonar
+from armadico.mobile.obstacles import Obstacles
 from armadico_tools.bench.figures import Figure, Tell, figure
 from armadico_tools.bench.processes import floor_socket, ready_floor
 from armadico_tools.testbed import Place

@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
+from armadico.agents.localization.monte_carlo import MonteCarlo
+from armadico.agents.localization.sonar_model import SonarModel
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.monte_carlo import MonteCarlo
-from armadico.agents.methods.sonar_model import SonarModel
 from armadico.config.profile import load_profile
-from armadico.core.messages import Echo
+from armadico.mobile.messages import Echo
 from armadico_tools.bench.figures import Figure, Tell, figure
 
 SIDE_M: Final = 50.0  # 1,000 cells of 0.05 m

@@ -14,8 +14,9 @@ from armadico.config.mapwriter import write_map
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
-from armadico.core.messages import Message, Truth
+from armadico.core.messages import Message
 from armadico.launch.society import Options
+from armadico.mobile.messages import Truth
 from armadico.observe.pictures import Run, draw_run
 from armadico_tools.experiments.barn_worlds import (
     CLIPS,

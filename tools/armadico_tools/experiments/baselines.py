@@ -19,11 +19,12 @@ from armadico.agents.methods.geometry import Posed, Positioned, clip, distance
 from armadico.agents.methods.grid import CELL_M, Grid, grid_of
 from armadico.config.worlds import World
 from armadico.core import agent
-from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
-from armadico.core.geometry import wrap
-from armadico.core.messages import Obstacles, Pose
-from armadico.core.motion import Speeds
+from armadico.mobile.behaviour import Behaviour
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Pose
+from armadico.mobile.motion import Speeds
+from armadico.mobile.obstacles import Obstacles
 
 V_MAX: Final = 0.75
 """Goto's top speed, m/s."""

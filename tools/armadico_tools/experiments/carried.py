@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
-from armadico.agents.localization import Localization
+from armadico.agents.localization.localization import Localization
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.worlds import load_world
-from armadico.core.behaviour import LOST_M
-from armadico.core.geometry import wrap
-from armadico.core.messages import Pose
 from armadico.launch.society import Options, members, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Pose
 from armadico_tools.experiments.other_maps import places
 from armadico_tools.markdown import table
 

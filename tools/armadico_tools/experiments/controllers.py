@@ -40,8 +40,8 @@ from armadico.agents.methods.controllers import (
 from armadico.agents.methods.geometry import clip, direction, distance
 from armadico.config.loading import find, load
 from armadico.config.profile import P2osRobot
-from armadico.core.geometry import wrap
-from armadico.core.messages import Waypoint
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Waypoint
 from armadico_tools.experiments.speed import ROBOT, STEP_S, Rig
 
 if TYPE_CHECKING:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Final
 from msgspec import Struct
 from msgspec.structs import replace
 
+from armadico.agents.missions.messages import ChargeState, ChargeStatus
 from armadico.config.scenarios import Battery, Scenario, load_scenario
 from armadico.config.worlds import load_world
-from armadico.core.geometry import relative
-from armadico.core.messages import ChargeState, ChargeStatus, Message
+from armadico.core.messages import Message
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.geometry import relative
 from armadico_tools.markdown import table
 
 if TYPE_CHECKING:

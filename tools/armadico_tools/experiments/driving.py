@@ -25,10 +25,11 @@ from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
-from armadico.core.geometry import wrap
-from armadico.core.messages import Message, Pose
+from armadico.core.messages import Message
 from armadico.launch.society import Options, conditions, members, names
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Pose
 from armadico.observe.conditions import Conditions
 from armadico.observe.measures import REACHED_M, Result, RunWatch
 from armadico.runtime.errors import MissionRefusedError

@@ -20,8 +20,9 @@ from armadico.agents.methods.grid import CELL_M, Margins, grid_of
 from armadico.agents.methods.path_smoothing import between
 from armadico.config.worlds import World, load_world
 from armadico.core.agent import Agent
-from armadico.core.geometry import compose, relative
-from armadico.core.messages import Correction, Message, Pose, RobotState
+from armadico.core.messages import Message, RobotState
+from armadico.mobile.geometry import compose, relative
+from armadico.mobile.messages import Correction, Pose
 from armadico_tools import markdown
 from armadico_tools.experiments.baselines import V_MAX, DynamicWindow, PurePursuit
 from armadico_tools.experiments.driving import Cell, Drive, Sample, scenario_of

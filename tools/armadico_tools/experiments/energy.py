@@ -10,9 +10,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from armadico.config.scenarios import Scenario, load_scenario, with_sensors
-from armadico.core.messages import Plan, PlanRequest, Waypoint
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Plan, PlanRequest, Waypoint
 from armadico_tools.markdown import table
 
 if TYPE_CHECKING:

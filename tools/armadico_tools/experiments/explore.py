@@ -14,14 +14,14 @@ from msgspec import Struct, structs
 from numpy.typing import NDArray
 
 from armadico.agents.methods.grid import Cell, Grid, Margins, nearest, search
-from armadico.agents.methods.mapping import Settings
+from armadico.agents.perception.grid_mapping import Settings
 from armadico.config.grid_map import FREE, OCCUPIED, Cells, cells_of
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import exploring, load_scenario
 from armadico.config.worlds import Pose, World, load_world
-from armadico.core.messages import MapRequest, OccupancyGrid
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import MapRequest, OccupancyGrid
 from armadico_tools.markdown import table
 
 if TYPE_CHECKING:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
+from armadico.agents.fleet.messages import FleetTask
+from armadico.agents.fleet.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, load_scenario
-from armadico.core.messages import FleetTask, Waypoint
-from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
 from armadico.mesh.link_faults import LinkFaults
+from armadico.mobile.messages import Waypoint
 from armadico_tools.experiments.central import Problem, auction, rounds, searched
 from armadico_tools.experiments.kinematic import CRUISE_M_S, TURN_S, Band
 from armadico_tools.markdown import table

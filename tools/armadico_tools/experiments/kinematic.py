@@ -14,18 +14,21 @@ from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
-from armadico.agents.fleet import Fleet, Parameters
-from armadico.core import agent
-from armadico.core.agent import Agent, Identity, Question
-from armadico.core.cycles import CycleCounter
-from armadico.core.messages import (
-    Description,
+from armadico.agents.fleet.fleet import Fleet, Parameters
+from armadico.agents.fleet.messages import (
     FleetClaims,
     FleetReply,
     FleetRequest,
     FleetTask,
     FleetTasks,
-    Message,
+)
+from armadico.core import agent
+from armadico.core.agent import Agent, Identity, Question
+from armadico.core.cycles import CycleCounter
+from armadico.core.messages import Description, Message, RobotState, Stop
+from armadico.core.resources import WHEELS
+from armadico.mesh.virtual import Node, VirtualMesh
+from armadico.mobile.messages import (
     MissionReply,
     MissionRequest,
     MissionState,
@@ -33,12 +36,8 @@ from armadico.core.messages import (
     Plan,
     PlanRequest,
     Pose,
-    RobotState,
-    Stop,
     Waypoint,
 )
-from armadico.core.resources import WHEELS
-from armadico.mesh.virtual import Node, VirtualMesh
 
 CYCLE_S: Final = 0.2
 SURE: Final = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
-from armadico.agents.giveway import Parameters
-from armadico.agents.methods.passages import Passages, passages_of
+from armadico.agents.fleet.giveway import Parameters
+from armadico.agents.fleet.passages import Passages, passages_of
+from armadico.agents.fleet.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
 from armadico.config.worlds import load_world
-from armadico.core.messages import Message, MissionStatus, Truth
-from armadico.launch.fleet import FleetRehearsal
+from armadico.core.messages import Message
 from armadico.launch.society import Options
+from armadico.mobile.messages import MissionStatus, Truth
 from armadico_tools.experiments.fleet import with_sensors
 from armadico_tools.markdown import table
 

@@ -10,27 +10,25 @@ from typing import TYPE_CHECKING, Final
 from msgspec import Struct, structs
 
 from armadico.agents.methods.energy import motor_power
-from armadico.config.moving import Moving
-from armadico.config.profile import load_profile
-from armadico.config.scenarios import Battery, Scenario, load_scenario, on_mission
-from armadico.config.worlds import load_world
-from armadico.core.messages import (
+from armadico.agents.missions.messages import (
     Alarm,
-    BatteryLevel,
     Board,
     BoardMission,
     ChargeState,
     ChargeStatus,
-    Message,
     MissionEnd,
     MissionOrder,
     Photo,
-    RobotState,
     StepEnd,
-    Truth,
 )
+from armadico.config.moving import Moving
+from armadico.config.profile import load_profile
+from armadico.config.scenarios import Battery, Scenario, load_scenario, on_mission
+from armadico.config.worlds import load_world
+from armadico.core.messages import Message, RobotState
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import BatteryLevel, Truth
 from armadico.runtime.errors import SocietyError
 from armadico_tools.markdown import table
 

@@ -13,8 +13,9 @@ from math import hypot, sqrt
 from msgspec import Struct
 
 from armadico.core.cycles import PERIOD
-from armadico.core.messages import Ack, Command, Message, Truth
+from armadico.core.messages import Ack, Command, Message
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Truth
 from armadico.observe.measures import RunWatch, speeds
 
 REST_M_S, REST_RAD_S = 0.01, 0.02

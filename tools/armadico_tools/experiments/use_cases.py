@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
+from armadico.agents.missions.messages import Board, ChargeState, ChargeStatus, MissionEnd
 from armadico.config.scenarios import Battery
-from armadico.core.messages import Board, ChargeState, ChargeStatus, MissionEnd, Planned, Truth
+from armadico.mobile.messages import Planned, Truth
 from armadico_tools.building import Building, text
 from armadico_tools.markdown import table
 

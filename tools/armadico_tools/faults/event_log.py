@@ -15,18 +15,9 @@ from typing import Final, TypeVar
 from msgspec.structs import replace
 
 from armadico.core.cycles import PERIOD
-from armadico.core.messages import (
-    Ack,
-    Ballot,
-    BidHistory,
-    Command,
-    Cycle,
-    Log,
-    Message,
-    MissionState,
-    Truth,
-)
+from armadico.core.messages import Ack, Ballot, BidHistory, Command, Cycle, Log, Message
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import MissionState, Truth
 from armadico.observe.view import View, agent_of, driver
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (

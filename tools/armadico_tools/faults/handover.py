@@ -10,8 +10,9 @@ from typing import Final, NamedTuple
 from armadico.core.coordination import braked
 from armadico.core.cycles import PERIOD
 from armadico.core.exchange import LONGEST, fuzzy_window
-from armadico.core.messages import Ack, Action, Ballot, Claim, Obstacles
+from armadico.core.messages import Ack, Action, Ballot, Claim
 from armadico.core.resources import WHEELS
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.view import agent_of
 from armadico_tools.faults.ballots import brief
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
@@ -42,7 +43,7 @@ REACHES_M: Final = 0.3
 """No part of the robot is farther from the middle of its axle."""
 
 DECEL_M_S2, LATENCY_S = 0.4, 0.2
-"""What the behaviours count on when they brake: `armadico.core.safety`."""
+"""What the behaviours count on when they brake: `armadico.mobile.safety`."""
 
 QUIET_S: Final = 3.0
 """So long after another fault no agent is just coming back: on coming back, no news of tokens

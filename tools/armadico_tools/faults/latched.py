@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
-from armadico.core.messages import RobotState, Stop, Truth
+from armadico.core.messages import RobotState, Stop
+from armadico.mobile.messages import Truth
 from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
 from armadico_tools.faults.observations import Observation, Ordered, Said
 from armadico_tools.faults.world_state import Bounds, Situation

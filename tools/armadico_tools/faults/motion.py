@@ -6,8 +6,9 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from math import atan2, hypot, inf, pi
 
-from armadico.core.geometry import relative, wrap
-from armadico.core.messages import Command, Cycle, RobotState, Truth
+from armadico.core.messages import Command, Cycle, RobotState
+from armadico.mobile.geometry import relative, wrap
+from armadico.mobile.messages import Truth
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Observation, Ordered, Said

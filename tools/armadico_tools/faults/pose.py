@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import hypot, inf, pi, sin
 
-from armadico.core.geometry import wrap
-from armadico.core.messages import Cycle, Pose, RobotState, Truth
+from armadico.core.messages import Cycle, RobotState
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Pose, Truth
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Astray, Observation, Said
 from armadico_tools.faults.world_state import (

@@ -19,11 +19,10 @@ from armadico.core.messages import (
     Command,
     Cycle,
     MessageError,
-    MissionStatus,
-    Obstacles,
     RobotState,
-    Truth,
 )
+from armadico.mobile.messages import MissionStatus, Truth
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.recordings import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (

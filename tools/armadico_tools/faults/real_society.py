@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Final, Self, TypeVar
 
 from armadico.config.scenarios import Scenario, planned
-from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
+from armadico.core.messages import Ask, Command, Message, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
 from armadico.launch.processes import agent_words, end, simulator_words
 from armadico.launch.society import Member, Options, members, mission
 from armadico.mesh.ports import free_port
+from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.view import agent_of
 from armadico.observe.watching import kind_at
 from armadico_tools.faults.checker import Checker

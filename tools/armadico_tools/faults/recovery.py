@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import hypot, inf
 
-from armadico.core.geometry import wrap
-from armadico.core.messages import MissionState, MissionStatus, RobotState
+from armadico.core.messages import RobotState
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import MissionState, MissionStatus
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Observation, Said
 from armadico_tools.faults.world_state import MOVING_M_S, MOVING_RAD_S, Bounds, Situation

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
 
-from armadico.core.messages import Ballot, Claim, MissionState, MissionStatus, RobotState, Truth
+from armadico.core.messages import Ballot, Claim, RobotState
+from armadico.mobile.messages import MissionState, MissionStatus, Truth
 from armadico_tools.faults.observations import (
     Bids,
     Denied,

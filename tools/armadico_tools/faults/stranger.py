@@ -29,18 +29,17 @@ from armadico.core.messages import (
     Cycle,
     Latched,
     Message,
-    Obstacles,
-    Origin,
     Point,
     RobotState,
     Stop,
-    Trajectory,
     encode,
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
+from armadico.mobile.messages import Origin, Trajectory
+from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import STRANGE_UTILITY
 from armadico_tools.faults.plan import EVERYBODY, Fault
 

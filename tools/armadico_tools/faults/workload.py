@@ -20,27 +20,22 @@ from armadico.bridge.robot import Robot
 from armadico.config.scenarios import load_scenario, society
 from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
-from armadico.core.messages import (
-    Ack,
-    Claim,
-    Command,
-    Message,
-    MissionReply,
-    MissionRequest,
-    MissionState,
-    MissionStatus,
-    Obstacles,
-    Pose,
-    RobotState,
-    Stop,
-    Truth,
-    Waypoint,
-)
+from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.launch.society import Options, mission, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
+from armadico.mobile.messages import (
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Truth,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.injector import Inflictor

@@ -10,21 +10,11 @@ from typing import NamedTuple
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.scenarios import Scenario
-from armadico.core.behaviour import LOST_M
-from armadico.core.geometry import wrap
-from armadico.core.messages import (
-    Ack,
-    Ballot,
-    BidRecord,
-    Claim,
-    Cycle,
-    MissionState,
-    MissionStatus,
-    Pose,
-    RobotState,
-    Truth,
-)
+from armadico.core.messages import Ack, Ballot, BidRecord, Claim, Cycle, RobotState
 from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico.observe.view import agent_of, driver
 from armadico_tools.faults.fault_types import (
     AGAIN_S,

@@ -20,15 +20,14 @@ from armadico.core.messages import (
     Description,
     Log,
     Message,
-    Obstacles,
     Point,
-    Pose,
     RobotState,
-    Scan,
     Stop,
     decode,
     encode,
 )
+from armadico.mobile.messages import Pose, Scan
+from armadico.mobile.obstacles import Obstacles
 from armadico_tools.transcripts.tape import fields_of
 
 

@@ -1,0 +1,226 @@
+"""What a society looks like to a program that asks: objects for JSON (sans-IO)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from math import ceil, cos, degrees, hypot, pi, sin
+from typing import Any, Final
+
+import msgspec
+
+from armadico.agents.assistant.messages import AssistantRecord
+from armadico.config.worlds import Segment, World
+from armadico.core.messages import Message
+from armadico.core.resources import WHEELS
+from armadico.mobile.obstacles import Obstacles
+from armadico.observe.explained import Collision, Exchange, Press
+from armadico.observe.standing import Installed, standing
+from armadico.observe.view import agent_of, at_work
+from armadico.observe.why import Chronicle
+
+RECORDS: Final = 200
+"""Requests of programs that are still known."""
+
+LARGEST_PICTURE: Final = (72, 36)
+"""Letters across and down."""
+
+FINEST_M: Final = 0.2
+"""A letter of a picture stands for so much at least."""
+
+AROUND_M: Final = 5.0
+"""Without a world the picture shows so far around the robot."""
+
+ARROWS: Final = ">^<v"
+
+LEGEND: Final = "# wall, o something that was sensed, > ^ < v the robot, G its goal; x right, y up"
+
+
+class Society(Chronicle):
+    """What is known of a society from outside, as tools that only look tell it."""
+
+    def __init__(
+        self,
+        world: World | None,
+        missions: Mapping[str, str],
+        installed: Installed = lambda _: (),
+        begun: float = 0.0,
+    ) -> None:
+        """Nothing was heard yet.
+
+        Args:
+            world: Where the robot is; None: that is not known.
+            missions: Those that can be ordered, with their titles.
+            installed: As `standing` takes it.
+            begun: As `Chronicle` takes it.
+        """
+        super().__init__(installed=installed, begun=begun)
+        self._world = world
+        self._missions = missions
+        self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
+
+    def take(self, key: str, message: Message | None, t: float) -> None:
+        super().take(key, message, t)
+        if isinstance(message, AssistantRecord):
+            self._requests.append((t, message))
+
+    def where(self, now: float) -> dict[str, Any]:
+        """Where the robot is, and what it does; m, degrees, m/s and rad/s."""
+        view, state, pose = self.view, self.view.state, self.view.pose
+        if state is None:
+            return {"heard": False, "note": "nothing is heard of a robot"}
+        driver = view.driver(WHEELS.name, now)
+        found: dict[str, Any] = {
+            "heard": view.hears_robot(now),  # or what follows is as it last said
+            "speed": {"v": round(state.v, 3), "w": round(state.w, 3)},
+            "driver": None if driver is None else agent_of(driver),
+            "stop": {"stopped": view.stopped(now), "by": state.stop.by},
+            "battery": view.battery,
+        }
+        if pose is not None:
+            found["pose"] = {
+                "x": round(pose.x, 3),
+                "y": round(pose.y, 3),
+                "heading": round(degrees(pose.theta), 1),
+                "deviation": round(pose.deviation, 3),
+            }
+        if view.mission is not None:
+            mission = view.mission
+            found["mission"] = {
+                "number": str(mission.mission),
+                "state": mission.state.value,
+                "to_go": round(mission.to_go, 2),
+                "note": mission.note,
+            }
+        return found
+
+    def map(self) -> dict[str, Any]:
+        """The places, and a picture of the world as far as it is known."""
+        world, pose = self._world, self.view.pose
+        found: dict[str, Any] = {}
+        if world is not None:
+            rooms = {
+                room.name: [round((room.x1 + room.x2) / 2, 2), round((room.y1 + room.y2) / 2, 2)]
+                for room in world.rooms
+            }
+            goals = {
+                name: [round(x, 2), round(y, 2), round(degrees(theta), 1)]
+                for name, (x, y, theta) in (world.goals | world.docks).items()
+            }
+            found |= {"world": world.name, "rooms": rooms, "goals": goals}
+            bounds = world.bounds
+        elif pose is not None:
+            around = AROUND_M
+            bounds = (pose.x - around, pose.y - around, pose.x + around, pose.y + around)
+            found["note"] = "no world was named to this server (--world): only what is sensed"
+        else:
+            return {"note": "no world was named to this server, and nothing is heard of a robot"}
+        rows, cell = self._picture(bounds)
+        return found | {
+            "bounds": [round(each, 2) for each in bounds],
+            "picture": rows,
+            "legend": f"{LEGEND}; a letter is {cell:.2f} m, the last row is y {bounds[1]:.1f}",
+        }
+
+    def who(self) -> dict[str, Any]:
+        """The agents that are alive."""
+        agents = []
+        for seen in self.view.agents:
+            card = seen.card
+            row: dict[str, Any] = {"agent": seen.name, "instance": seen.instance}
+            if card is not None:
+                row |= {"host": card.host, "provides": [*card.provides]}
+                row |= {"owns": [*card.owns], "competes_for": [*card.resources]}
+                row["holds"] = [*card.holds]
+            agents.append(row)
+        return {"agents": agents}
+
+    def missions(self) -> dict[str, Any]:
+        """Those that can be ordered, and those of the board."""
+        board = self.view.board
+        return {
+            "available": [{"name": name, "title": what} for name, what in self._missions.items()],
+            "board": [
+                {
+                    "number": str(mission.mission),
+                    "name": mission.name,
+                    "state": mission.state.value,
+                    "by": mission.by,
+                    "doing": at_work(mission),
+                    "note": mission.note,
+                }
+                for mission in (() if board is None else board.missions)
+            ],
+        }
+
+    def why(self, now: float) -> dict[str, Any]:
+        """Why the robot stands, as it is seen now."""
+        found = standing(self.view, now, self.installed)
+        cause = None if found.cause is None else msgspec.to_builtins(found.cause)
+        return {"stands": found.stands, "sentences": [*found.sentences], "cause": cause}
+
+    def moment(self) -> dict[str, Any]:
+        """The moment that was marked last: who holds what, and what the others would do."""
+        if not self.moments:
+            return {"note": "nothing is known of this moment"}
+        found: dict[str, Any] = msgspec.to_builtins(self.moments[-1])
+        return found
+
+    def history(self, now: float, last: int) -> dict[str, Any]:
+        """What has happened since this was begun, the newest last; `ago` is in s."""
+        events = sorted(self._events(), key=lambda event: event[0])[-last:]
+        return {"events": [{"ago": round(now - t, 1), "what": what} for t, what in events]}
+
+    def _events(self) -> Iterator[tuple[float, str]]:
+        explained: list[Exchange | Press | Collision]
+        explained = [*self.exchanges, *self.presses, *self.collisions]
+        for told in explained:
+            yield self._begun + told.t, " ".join(told.sentences)
+        for said in self.view.logs:
+            yield said.at, f"{said.instance}: {said.log.text}"
+        for t, record in self._requests:
+            asked, reply = record.request, record.reply
+            more = f"; {record.left_out} more before it were too many" if record.left_out else ""
+            came = f"refused, {reply.refusal}" if reply.refusal else reply.said or "answered"
+            yield t, f"{asked.by or 'a program'} asked: {asked.tool} {asked.text}: {came}{more}"
+
+    # The picture ---------------------------------------------------------------------------------
+
+    def _picture(self, bounds: Segment) -> tuple[list[str], float]:
+        """Rows of letters, the uppermost first, and what a letter stands for, m."""
+        x1, y1, x2, y2 = bounds
+        across, down = LARGEST_PICTURE
+        cell = max((x2 - x1) / across, (y2 - y1) / down, FINEST_M)
+        columns, rows = ceil((x2 - x1) / cell) + 1, ceil((y2 - y1) / cell) + 1
+        letters = [[" "] * columns for _ in range(rows)]
+
+        def put(x: float, y: float, letter: str) -> None:
+            column, row = round((x - x1) / cell), rows - 1 - round((y - y1) / cell)
+            if 0 <= column < columns and 0 <= row < rows:
+                letters[row][column] = letter
+
+        for wall in () if self._world is None else self._world.barriers:
+            for x, y in _along(wall, cell / 2):
+                put(x, y, "#")
+        pose, view = self.view.pose, self.view
+        if pose is not None:
+            c, s = cos(pose.theta), sin(pose.theta)
+            for said in view.newest.values():
+                if isinstance(said, Obstacles):
+                    for p in said.points:
+                        put(pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y, "o")
+        if view.trajectory is not None and view.trajectory.waypoints:
+            goal = view.trajectory.waypoints[-1]
+            put(goal.x, goal.y, "G")
+        if pose is not None:
+            put(pose.x, pose.y, ARROWS[round(pose.theta / (pi / 2)) % 4])
+        return ["".join(row).rstrip() for row in letters], cell
+
+
+def _along(wall: Segment, step: float) -> Iterator[tuple[float, float]]:
+    """Points of a wall, so far apart, m."""
+    x1, y1, x2, y2 = wall
+    count = max(ceil(hypot(x2 - x1, y2 - y1) / step), 1)
+    for at in range(count + 1):
+        share = at / count
+        yield x1 + share * (x2 - x1), y1 + share * (y2 - y1)

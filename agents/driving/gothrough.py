@@ -1,0 +1,177 @@
+"""The gothrough agent: keeps the robot in the middle of narrow places (thesis 3.5.3, 3.10.1)."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, radians, sin
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta
+
+from armadico.agents.driving.brisk import Driver, slowed
+from armadico.agents.methods.controllers import ahead_of
+from armadico.agents.methods.geometry import clip
+from armadico.agents.methods.settings import Brisk
+from armadico.agents.methods.utility import ramp_down
+from armadico.core import agent
+from armadico.core.exchange import Bid
+from armadico.core.messages import Point
+from armadico.core.parameters import Safety
+from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import Behaviour
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import Pose, Waypoint
+from armadico.mobile.motion import Speeds
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.safety import corner_cut, unhurried
+
+Positive = Annotated[float, Meta(gt=0, le=10)]
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """Gothrough's parameters.
+
+    `controller` "proportional" drives by v, turn_gain, w_max, gain and v_corner; "brisk" turns and
+    slows down as goto's does.
+
+    `rules` "thesis" bids whenever something is on both sides. "safe" abstains when the way through
+    is not clear, when the trajectory does not lead through, and near the goal.
+    """
+
+    controller: Literal["proportional", "brisk"] = "proportional"
+    rules: Literal["safe", "thesis"] = "safe"
+    v_max: Positive | None = None
+    v: Positive = 0.5  # m/s through a narrow place
+    turn_gain: Positive = 1.5  # rad/s for one rad
+    w_max: Positive = radians(50)
+    u_low_m: Positive = 0.5  # equation 3.7
+    u_high_m: Positive = 1.2
+    least_m: Positive = 0.3  # least way from the narrowest place to the point to drive to
+    most_m: Positive = 1.0  # most way from there to that point
+    clear_m: Positive = 0.6  # of free way, or it abstains
+    astray: Positive = radians(45)  # a trajectory that leads off by more is not through here
+    goal_m: Positive = 0.8  # nearer to the goal than this, parking is goto's
+    ahead_m: Positive = 1.0
+    off_line: Positive = 0.15  # rad: the middle may lead off the trajectory by so much
+    cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
+    gain: Positive = 0.38  # m/s for a metre until the trajectory bends: goto's
+    v_corner: Positive = 0.2  # least speed towards a bend, m/s
+    brisk: Brisk = Brisk()
+    safety: Safety = Safety()
+
+
+class Gothrough(Behaviour):
+    """Steers for the middle between what is left and what is right."""
+
+    name = "gothrough"
+    reacts_to = Obstacles
+    parameters = Parameters
+    launched_with = ("v_max", "safety.unmapped")
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "v": "m/s",
+        "v_corner": "m/s",
+        "w_max": "rad/s",
+        "safety.margin_m": "m",
+    }
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._commanded = (0.0, 0.0)
+        self._driver = Driver(self.p.brisk)
+        self._ahead: list[Waypoint] = []  # what is left of the trajectory, as far as it matters
+
+    def on_body(self) -> None:
+        """Drive within the robot's limits."""
+        self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
+
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
+        """The way through, and how narrow it is."""
+        left, right = obstacles.left, obstacles.right
+        if left is None or right is None:
+            return self._none("not between two things")
+        half = 0.5 * hypot(left.x - right.x, left.y - right.y)
+        utility = ramp_down(half, self.p.u_low_m, self.p.u_high_m)
+        if utility <= 0.0:
+            return self._none("not narrow")
+        goal = self._goal(pose, obstacles)
+        if self.p.rules == "safe" and (why := self._abstains(pose, goal)):
+            return self._none(why)
+        target = self._target(left, right, goal)
+        alpha = atan2(target.y, target.x)
+        if self.p.rules == "safe":
+            astray = atan2(goal.y, goal.x)
+            alpha = clip(alpha, astray - self.p.off_line, astray + self.p.off_line)
+        return self._steer(alpha, utility, pose, obstacles)
+
+    def _none(self, why: str) -> Bid | None:
+        """Nothing to propose; a holder offers the wheels while they still turn."""
+        self.why = why
+        if not self.holds(WHEELS):
+            return None
+        if self.p.rules == "safe":
+            obstacles = self.latest(Obstacles)
+            assert obstacles is not None, "the pattern sees to that"
+            self._commanded = self.limited(*self._commanded, obstacles, self.p.safety)
+        return Bid(0.0, self._commanded, reason=why)
+
+    def _abstains(self, pose: Pose, goal: Point) -> str:
+        """Why the trajectory does not lead through here."""
+        route = self.route
+        if abs(atan2(goal.y, goal.x)) > self.p.astray:
+            return "the trajectory leads elsewhere"
+        if route.last_leg and route.to_go(pose.x, pose.y) < self.p.goal_m:
+            return "the goal is near"
+        return ""
+
+    def _goal(self, pose: Pose, obstacles: Obstacles) -> Point:
+        """Where the trajectory leads, in the body frame."""
+        if self.p.rules == "thesis":
+            self._ahead = list(self.route.waypoints[self.route.leg :])
+        else:
+            cut = corner_cut(obstacles, self.body, self.p.cut_least_m)
+            self._ahead = self.route.ahead(pose.x, pose.y, self.p.ahead_m, cut)
+        to = self._ahead[0]
+        dx, dy = to.x - pose.x, to.y - pose.y
+        c, s = cos(pose.theta), sin(pose.theta)
+        return Point(c * dx + s * dy, c * dy - s * dx)
+
+    def _target(self, left: Point, right: Point, goal: Point) -> Point:
+        """The middle of the way to the goal, projected onto the axis between both sides (3.5.3)."""
+        mx, my = 0.5 * (left.x + right.x), 0.5 * (left.y + right.y)
+        across = hypot(left.x - right.x, left.y - right.y)
+        ax, ay = (left.y - right.y) / across, (right.x - left.x) / across  # square to left-right
+        if ax * goal.x + ay * goal.y < 0.0:
+            ax, ay = -ax, -ay
+        along = 0.5 * ((goal.x - mx) * ax + (goal.y - my) * ay)
+        along = min(max(along, self.p.least_m), self.p.most_m)
+        return Point(mx + along * ax, my + along * ay)
+
+    def _steer(self, alpha: float, utility: float, pose: Pose, obstacles: Obstacles) -> Bid | None:
+        p = self.p
+        if p.rules == "safe" and abs(alpha) > p.astray:
+            return self._none("the middle is not ahead")
+        if p.controller == "brisk":
+            v, w = self._brisk(alpha, pose, obstacles)
+        else:
+            v, w = self._proportional(alpha, pose)
+        if p.rules == "safe":
+            v, w, free = self.limited_in(self.scene(obstacles), v, w, p.safety)
+            if free < p.clear_m:
+                return self._none(f"only {free:.2f} m of free way")
+        self._commanded = (v, w)
+        return Bid(utility, (v, w), reason=f"{utility:.2f} at {alpha:.2f} rad")
+
+    def _brisk(self, alpha: float, pose: Pose, obstacles: Obstacles) -> Speeds:
+        before = self._commanded if self.holds(WHEELS) else self.measured
+        soon = self._driver.soon(pose, self.measured, before)
+        off = alpha - wrap(soon.theta - pose.theta)
+        v, w = self._driver.toward(off, soon, self.route, before, self.body.cycle_s)
+        return unhurried(v, w, self.scene(obstacles), self.p.safety), w
+
+    def _proportional(self, alpha: float, pose: Pose) -> Speeds:
+        p = self.p
+        v = min(p.v, p.v_max or p.v) * max(0.2, cos(alpha))
+        if p.rules == "safe":
+            v = min(v, max(p.v_corner, p.gain * ahead_of(pose, self._ahead, p.v / p.gain)))
+        return v, clip(p.turn_gain * alpha, -p.w_max, p.w_max)

@@ -1,0 +1,191 @@
+"""The goto agent: drives the robot to the goal pose (thesis 3.5.1, 4.6)."""
+
+from __future__ import annotations
+
+from math import atan2, hypot, inf, radians
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from armadico.agents.driving.brisk import Driver, slowed
+from armadico.agents.driving.sight import in_sight
+from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
+from armadico.agents.methods.settings import Brisk
+from armadico.agents.methods.utility import ramp_down
+from armadico.core import agent
+from armadico.core.exchange import Bid
+from armadico.core.parameters import Safety
+from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import Behaviour
+from armadico.mobile.geometry import relative, wrap
+from armadico.mobile.messages import Pose, Waypoint
+from armadico.mobile.motion import Body, Speeds
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.safety import corner_cut, unhurried
+
+CREEP_M = 0.15
+"""With less of its way in sight than this it goes on as if it saw so much, or it would never see
+more: slowly enough that what is near is known by its points."""
+
+Speed = Annotated[float, Meta(gt=0, le=10)]
+Metres = Annotated[float, Meta(gt=0, le=10)]
+Angle = Annotated[float, Meta(gt=0, le=3.1416)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """Goto's parameters.
+
+    `controller` "brisk" is faster, with settings of its own (`brisk`); the set `brisk` has it. The
+    others are the thesis's, with `settings`, ahead_m, park_m, cut_least_m and calm.
+
+    `rules` "thesis" reads 3.10.1 literally: the utility by the distance to each waypoint, straight
+    to the waypoint, both controllers mixed near each (5.2.1), no look at obstacles. "safe" measures
+    to the final goal, keeps to the line between waypoints, and drives no faster than it can stop.
+    """
+
+    controller: Literal["brisk", "fast", "precise", "collaborative"] = "collaborative"
+    settings: Literal["chapter-5", "chapter-4"] = "chapter-5"
+    rules: Literal["safe", "thesis"] = "safe"
+    v_max: Speed | None = None
+    ahead_m: Metres = 0.6  # look-ahead on the line between waypoints
+    park_m: Metres = 1.0  # within this of the goal straight to it, where `precise` joins in
+    cut_least_m: Metres = 0.06  # by so much it may cut a corner where something is near
+    calm_from: Angle = radians(5)  # slows down from this angle to where it steers
+    calm_over: Angle = radians(30)  # angle on top of `calm_from` at which no speed is left
+    calm_least: Share = 0.2  # least share of the speed: it must get along while it turns
+    brisk: Brisk = Brisk()
+    safety: Safety = Safety()
+    p_max: Share = 1.0  # equation 3.6
+    p_min: Share = 0.6
+    u_low_m: Metres = 0.15
+    u_high_m: Metres = 0.5
+
+
+class Goto(Behaviour):
+    """Proposes the speeds that lead along the trajectory and park on its end."""
+
+    name = "goto"
+    reacts_to = Pose
+    parameters = Parameters
+    launched_with = ("controller", "v_max", "safety.unmapped")
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "ahead_m": "m",
+        "park_m": "m",
+        "calm_least": "",
+        "safety.margin_m": "m",
+        "safety.slow": "m/s",
+    }
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        brisk = self.p.controller == "brisk"
+        self._driver = Driver(self.p.brisk) if brisk else None
+        mode = Mode.COLLABORATIVE if brisk else Mode(self.p.controller)
+        self._controller = Controller(SETTINGS[self.p.settings], mode)
+        self._controller.mixes_on_the_way = self.p.rules == "thesis"
+        self._commanded = (0.0, 0.0)
+
+    def on_body(self) -> None:
+        """Drive within the robot's limits, and by its own ramps."""
+        self._controller.settings = within(SETTINGS[self.p.settings], self.body, self.p.v_max)
+        if self._driver is not None:
+            self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
+
+    def on_mission(self) -> None:
+        """Forget where the last one was parked."""
+        self._controller.reset()
+        if self._driver is not None:
+            self._driver.reset()
+
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
+        """Where it would steer, and how much that helps."""
+        v, w = self._wish(pose, obstacles)
+        if self.p.rules == "safe":
+            v, w = self.limited(v, w, obstacles, self.p.safety)
+        self._commanded = (v, w)
+        return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
+
+    def _wish(self, pose: Pose, obstacles: Obstacles) -> Speeds:
+        """What the controller asks for, before anybody looks at obstacles."""
+        before, period = self._before(), self.body.cycle_s
+        if self._driver is not None:
+            cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
+            v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
+            v = min(v, self._by_sight(pose, obstacles))
+            return unhurried(v, w, self.scene(obstacles), self.p.safety), w
+        ahead = self._ahead(pose, obstacles)
+        self._controller.exact = bool(pose.covariance)
+        v, w = self._controller.steer(pose, ahead, before, period)
+        return (min(v, self._calm(pose, ahead[0])) if self.p.rules == "safe" else v), w
+
+    def _by_sight(self, pose: Pose, obstacles: Obstacles) -> float:
+        """From which speed it stops within what it sees of its way, m/s, if nobody drives on."""
+        reach, body = self.p.brisk.sight_m, self.body
+        if reach is None:
+            return inf
+        here = (pose.x, pose.y, pose.theta)
+        left = self.route.waypoints[self.route.leg :]
+        places = [(0.0, 0.0), *(relative(here, (to.x, to.y, 0.0))[:2] for to in left)]
+        seen = in_sight(obstacles.points, places, reach)
+        free = seen - body.outline.front - self.p.safety.margin_m
+        return body.stops_within(max(free, CREEP_M))
+
+    def _calm(self, pose: Pose, target: Waypoint) -> float:
+        """The speed limit while the robot turns towards where it steers, m/s.
+
+        At full speed it would swing wide of the line, and beside a door that is the post.
+        """
+        off = abs(wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta))
+        share = 1.0 - (off - self.p.calm_from) / self.p.calm_over
+        return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
+
+    def _before(self) -> tuple[float, float]:
+        """What the ramps start from."""
+        return self._commanded if self.holds(WHEELS) else self.measured
+
+    def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:
+        """What to steer along: the waypoints that are left, or the line between them."""
+        route, goal = self.route, self.route.goal
+        assert goal is not None, "there is a goal"
+        parking = route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m
+        if self.p.rules == "thesis" or parking:
+            return list(route.waypoints[route.leg :])
+        cut = corner_cut(obstacles, self.body, self.p.cut_least_m)
+        return route.ahead(pose.x, pose.y, self.p.ahead_m, cut)
+
+    def _utility(self, pose: Pose) -> float:
+        """Equation 3.6."""
+        p, goal = self.p, self.route.goal
+        assert goal is not None, "there is a goal"
+        if p.rules == "thesis":
+            target = self.route.target
+            assert target is not None, "there is a goal"
+            left = hypot(target.x - pose.x, target.y - pose.y)
+        elif self.route.last_leg:
+            left = hypot(goal.x - pose.x, goal.y - pose.y)
+        else:
+            left = p.u_high_m
+        return ramp_down(left, p.u_low_m, p.u_high_m, p.p_max, p.p_min)
+
+
+def within(settings: Settings, body: Body, v_max: float | None) -> Settings:
+    """The controllers' settings for this robot: its limits, and its ramps where there are any.
+
+    `v_max`: a scenario's limit for the fast controller, m/s.
+    """
+
+    def law(of: Law, most: float) -> Law:
+        return replace(of, v=min(of.v, most, body.v_max), w=min(of.w, body.w_max))
+
+    made = replace(
+        settings,
+        fast=law(settings.fast, inf if v_max is None else v_max),
+        precise=law(settings.precise, inf),
+    )
+    if made.v_accel == inf:  # chapter 4 drives without ramps
+        return made
+    return replace(made, v_accel=body.v_accel, v_decel=body.v_decel, w_accel=body.w_accel)

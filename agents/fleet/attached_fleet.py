@@ -1,0 +1,244 @@
+"""A run of a fleet that others have started, on whatever machines: nobody is started or ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from types import TracebackType
+from typing import TYPE_CHECKING, Final
+
+from armadico.agents.fleet.live_fleet import HEAR_S, LiveFleet, short
+from armadico.agents.fleet.messages import FleetClaims
+from armadico.agents.fleet.run import STEP_S, give, names_of, tasks_of
+from armadico.core.messages import Message, RobotState
+from armadico.launch.attached import COME_S, SAY_S, STOP_S
+from armadico.launch.processes import undisturbed
+from armadico.launch.run import SILENT_S
+from armadico.mesh.topology import MeshError, TopologyError, checked_namespace
+from armadico.runtime.client import PRESS_S, Client
+from armadico.runtime.errors import AbsentError, MissionRefusedError, RunFailedError, SocietyError
+
+if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
+    from armadico.launch.society import Options
+    from armadico.mesh.base import Mesh
+
+BY: Final = "armadico run"
+"""Who stops the robots, for people."""
+
+
+class AttachedFleet(LiveFleet):
+    """Watches societies that are up. Unless all tasks are done, it leaves their robots stopped."""
+
+    come_s: float = COME_S
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        options: Options,
+        robots: int | None,
+        fleet: str,
+        join: Callable[[str], Mesh],
+        warn: Callable[[str], None] = lambda _: None,
+        *,
+        scouts: Callable[[], Iterable[Mesh]] = tuple,
+        replace: bool = False,
+    ) -> None:
+        """Prepare, as in `LiveFleet`.
+
+        Args:
+            scenario: The tasks, and the world that the robots have a map of.
+            options: What else was chosen.
+            robots: So many are waited for; None: one.
+            fleet: Its name.
+            join: Joins the mesh in a namespace.
+            warn: Told who is gone and what goes wrong.
+            scouts: Gives an open mesh for each further way to a router of the fleet, whenever there
+                is a new one: each passes on what all robots share.
+            replace: Give the list also instead of one that the fleet works on.
+        """
+        super().__init__(scenario, options, fleet, join, warn)
+        self._wanted, self._replace = robots or 1, replace
+        self._heard: dict[str, float] = {}  # when each robot's fleet agent last said its claims
+        self._silent: set[str] = set()
+        self._notes: dict[str, str] = {}  # why a robot does nothing, as it was said
+        # What robots share lies beside their namespaces: any of the fleet's will do.
+        self._scout = Client(self._joined(names_of(fleet, 1)[0]))
+        self._scout.listen(FleetClaims, then=self._hear)
+        self._scouts, self._more = [self._scout], scouts
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop the robots, by the latch, if the list was taken on and is not done."""
+        with undisturbed():
+            if self.watch.began is not None and not self.watch.over:
+                self._stop()
+            super().__exit__(kind, error, trace)
+
+    # Starting ------------------------------------------------------------------------------------
+
+    def find(self) -> None:
+        """Find the robots that are there. Raises RunFailedError if they are too few."""
+        if not self._seek(self._enough, SAY_S):
+            self._warn(f"waiting for {self._wanted} or more robots of the fleet {self.fleet!r}")
+        if not self._seek(self._enough, self.come_s - SAY_S):
+            raise RunFailedError(self._lacking())
+        self._seek(lambda: False, HEAR_S)  # all of it: whoever else is there
+        self._meet()
+
+    def start(self) -> None:
+        """Find them, and wait until one can take a task. Raises RunFailedError if none can."""
+        if not self.names:
+            self.find()
+        soon, end = self._now() + HEAR_S, self._now() + self.come_s
+        while not self._all_told() and self._now() < soon:
+            self.wait(self._all_told)
+        while not (able := self._able()) and self._now() < end and not self._all_stopped():
+            self._say_notes()
+            self.wait(lambda: bool(self._able()))
+            self._meet()
+        self._say_notes()
+        if not able:
+            raise RunFailedError(
+                f"no robot of the fleet {self.fleet!r} can take a task;"
+                f" `armadico resume --namespace {self.names[0]}` releases one that is stopped"
+            )
+
+    def hand_over(self) -> int:
+        """See `LiveFleet`: the first of those that can take a task is asked, then the next."""
+        tasks = tasks_of(self.scenario)
+        *others, last = self._able()
+        try:
+            for name in others:
+                try:
+                    return give(self._client(name), tasks, replace=self._replace)
+                except AbsentError as error:
+                    self._warn(str(error))
+            return give(self._client(last), tasks, replace=self._replace)
+        except MissionRefusedError as error:
+            raise MissionRefusedError(f"{error.reason}; --replace gives it instead") from None
+
+    # While it goes on ----------------------------------------------------------------------------
+
+    def look(self) -> None:
+        self._meet()
+        self._say_notes()
+        for name in self.names:
+            told = short(name) in self.watch.status
+            silent = told and self.watch.silent(short(name), self._now())
+            if silent and name not in self._silent:
+                self._silent.add(name)
+                self._warn(f"{name}: its fleet agent is silent: its tasks are the others' now")
+            elif not silent and name in self._silent:
+                self._silent.remove(name)
+                self._warn(f"{name}: its fleet agent is back")
+        if self._now() - max(self._heard.values()) > SILENT_S:
+            raise RunFailedError(
+                f"nobody of the fleet {self.fleet!r} has said anything for {SILENT_S:g} s;"
+                f" `armadico ps --namespace {self.names[0]}` shows who is there"
+            )
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _now(self) -> float:
+        return self._scout.mesh.now()
+
+    def _client(self, name: str) -> Client:
+        return self.clients[self.names.index(name)]
+
+    def _hear(self, said: Message, now: float) -> None:
+        if isinstance(said, FleetClaims):
+            with suppress(TopologyError):  # whose namespace cannot be one is nobody
+                checked_namespace(f"{self.fleet}/{said.robot}")
+                self._heard[said.robot] = now
+
+    def _seek(self, over: Callable[[], bool], seconds: float) -> bool:
+        """Look for robots by every way, until something is so; whether it is."""
+        end = self._now() + seconds
+        while not over() and self._now() < end:
+            for mesh in self._more():
+                self._stack.callback(mesh.close)
+                self._scouts.append(Client(mesh))
+                self._scouts[-1].listen(FleetClaims, then=self._hear)
+            for scout in self._scouts:
+                scout.wait_for(over, STEP_S / len(self._scouts))
+        return over()
+
+    def _enough(self) -> bool:
+        return len(self._heard) >= self._wanted
+
+    def _meet(self) -> None:
+        """Watch whoever has been heard of for the first time."""
+        for each in (*self._scouts, *self.clients):
+            each.latest(FleetClaims)  # hands on what has come
+        for robot in sorted(self._heard):
+            name = f"{self.fleet}/{robot}"
+            if name in self.names:
+                continue
+            client = Client(self._joined(name))
+            client.listen(RobotState)  # which whoever stops it goes by
+            client.listen(FleetClaims, then=self._hear)
+            self._listen(name, client)
+            self.names.append(name)
+            self.clients.append(client)
+            if self.watch.began is not None:
+                self._warn(f"{name}: has come")
+
+    def _lacking(self) -> str:
+        there = ", ".join(f"{self.fleet}/{robot}" for robot in sorted(self._heard)) or "nobody"
+        return (
+            f"{there} of the fleet {self.fleet!r} is there after {self.come_s:g} s, and"
+            f" {self._wanted} or more are waited for; `armadico up fleet --namespace"
+            f" {self.fleet}/r1` brings a robot up on its machine; --namespace names the fleet, and"
+            " --connect chooses where to look"
+        )
+
+    def _why_not(self, name: str) -> str:
+        """Why a robot can do nothing now; "" if it can."""
+        status = self.watch.status.get(short(name))
+        return "its fleet agent has said nothing yet" if status is None else status.note
+
+    def _able(self) -> list[str]:
+        return [name for name in self.names if not self._why_not(name)]
+
+    def _all_told(self) -> bool:
+        return all(short(name) in self.watch.status for name in self.names)
+
+    def _all_stopped(self) -> bool:
+        states = [client.latest(RobotState) for client in self.clients]
+        return all(state is not None and state.stop.stopped for state in states)
+
+    def _say_notes(self) -> None:
+        for name in self.names:
+            why = self._why_not(name)
+            if why and why != self._notes.get(name):
+                self._warn(f"{name}: {why}; until that is over it takes no task")
+            self._notes[name] = why
+
+    def _stop(self) -> None:
+        """All are told before one is waited for: none drives on until another's wheels rest."""
+        for client in self.clients:
+            with suppress(SocietyError, MeshError):
+                client.stop(PRESS_S, by=BY)
+        stopped = []
+        for name, client in zip(self.names, self.clients, strict=True):
+            try:
+                client.stop(STOP_S, by=BY)
+            except (SocietyError, MeshError) as failure:
+                self._warn(f"{name}: {failure}; `armadico stop --namespace {name}` tries again")
+            else:
+                stopped.append(name)
+        if stopped:
+            self._warn(
+                f"stopped: {', '.join(stopped)}; `armadico resume --namespace {stopped[0]}`"
+                " releases one"
+            )
+        left = self.watch.tasks - len(self.watch.done)
+        self._warn(
+            f"the fleet remembers the list, of which {left} are not done: a robot that is released"
+            " goes on with it; `armadico run --attach --replace` gives another one instead"
+        )

@@ -1,0 +1,240 @@
+"""Several robots, and a list of tasks that they share: `armadico run fleet`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import UsageError
+from armadico.cli.run_options import check_connect
+from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
+
+if TYPE_CHECKING:
+    from armadico.agents.fleet.run import FleetRehearsal
+    from armadico.agents.fleet.view import FleetResult, FleetWatch
+    from armadico.config.scenarios import Scenario
+    from armadico.launch.society import Options
+    from armadico.mesh.base import Mesh
+    from armadico.observe.virtual_recording import Recorded
+
+LINE_S: Final = 5.0
+"""How often a line is printed, s of the run."""
+
+ALONE: Final = (
+    "runs",
+    "plot",
+    "rrd",
+    "dashboard",
+    "wait",
+    "robot",
+    "goal",
+    "start",
+)
+"""Options that are for the run of one robot."""
+
+STARTING: Final = {"without": "without", "besides": "with"}
+"""Beside those of one robot's run, what is for whoever starts the societies, and its option."""
+
+
+def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
+    """Have the tasks done; 0 only if all were, none twice, and nothing was touched."""
+    from dataclasses import replace  # noqa: PLC0415 - not for --help
+
+    for option in ALONE:
+        if getattr(args, option) not in (None, False):
+            raise UsageError(
+                f"--{option} is for the run of one robot, and {scenario.name} is a fleet's"
+            )
+    for option, words in STARTING.items() if args.attach else ():
+        if getattr(args, option):
+            raise UsageError(
+                f"--{words} is for whoever starts the societies (armadico up); --attach starts"
+                " nobody"
+            )
+    if args.replace and not args.attach:
+        raise UsageError("--replace is for a fleet that is up: --attach")
+    if args.attach and args.robots is not None and args.robots < 1:
+        raise UsageError(f"--robots {args.robots}: at least 1 is waited for")
+    seed = scenario.seed if args.seed is None else args.seed
+    chosen = replace(chosen, seed=seed)
+    label = scenario.name if args.attach else f"{scenario.name} seed {seed}"
+    say = _Lines(label)
+    drive = _virtual if args.virtual else _attached if args.attach else _live
+    faults: list[str] = []
+    result = drive(args, scenario, chosen, say.show, faults.append)
+    if args.json:
+        import msgspec  # noqa: PLC0415 - not for --help
+
+        print(json.dumps(msgspec.to_builtins(result)))
+    else:
+        _table(result, label)
+    if faults:
+        raise options.FailedError("\n".join(faults))
+    return 0 if result.passed else options.FAILED
+
+
+def fleet_of(args: argparse.Namespace) -> str:
+    """The fleet's name: the robots' namespaces are in it."""
+    from armadico.agents.fleet.run import FLEET  # noqa: PLC0415 - not for --help
+
+    name: str = args.namespace
+    return FLEET if name == DEFAULT_NAMESPACE else checked_namespace(name)
+
+
+def _virtual(
+    args: argparse.Namespace,
+    scenario: Scenario,
+    chosen: Options,
+    progress: Callable[[FleetWatch], None],
+    report: Callable[[str], None],
+) -> FleetResult:
+    from armadico.agents.fleet.run import FleetRehearsal  # noqa: PLC0415
+    from armadico.cli.record import beside_a_run  # noqa: PLC0415 - not for --help
+
+    rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
+    with beside_a_run(report) as stack:
+        if args.record is not None:
+            stack.enter_context(_recorded(rehearsal, scenario, args.record))
+        return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
+
+
+def _live(
+    args: argparse.Namespace,
+    scenario: Scenario,
+    chosen: Options,
+    progress: Callable[[FleetWatch], None],
+    _: Callable[[str], None],
+) -> FleetResult:
+    from armadico.agents.fleet.local_fleet import LocalFleet  # noqa: PLC0415
+    from armadico.agents.fleet.run import names_of, robots_of  # noqa: PLC0415
+    from armadico.cli.beside import PAGE_ENDS, beside  # noqa: PLC0415 - not for --help
+
+    check_connect(args)
+    options.end_as_by_ctrl_c()
+    fleet, joining = fleet_of(args), options.joining(args)
+    robots = names_of(fleet, len(robots_of(scenario, args.robots)))
+    page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
+    try:
+        run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args), joining, options.say)
+        with page, _recorder(args, scenario, run.names), run:
+            options.say(
+                f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
+            )
+            result = run.run(progress)
+            if args.page:
+                options.say(PAGE_ENDS)
+            return result
+    except KeyboardInterrupt:
+        options.say(
+            f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
+        )
+        raise
+
+
+def _attached(
+    args: argparse.Namespace,
+    scenario: Scenario,
+    chosen: Options,
+    progress: Callable[[FleetWatch], None],
+    _: Callable[[str], None],
+) -> FleetResult:
+    from armadico.agents.fleet.attached_fleet import AttachedFleet  # noqa: PLC0415
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+
+    options.end_as_by_ctrl_c()
+    run = AttachedFleet(
+        *(scenario, chosen, args.robots, fleet_of(args), _joiner(args), options.say),
+        scouts=_scouts(args),
+        replace=args.replace,
+    )
+    with run:
+        run.find()
+        options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
+        page = beside(args, "page", scenario.world, run.names) if args.page else nullcontext()
+        with page, _recorder(args, scenario, run.names):
+            return run.run(progress)
+
+
+def _joiner(args: argparse.Namespace) -> Callable[[str], Mesh]:
+    """Who joins the mesh in a robot's namespace."""
+
+    def join(namespace: str) -> Mesh:
+        one = argparse.Namespace(**{**vars(args), "namespace": namespace})
+        mesh = options.join(one, starts=True)  # who is missing, the run says itself
+        mesh.open()
+        return mesh
+
+    return join
+
+
+def _scouts(args: argparse.Namespace) -> Callable[[], Iterator[Mesh]]:
+    """What gives an open mesh for each router of the fleet to which none has been given yet."""
+    from armadico.agents.fleet.run import names_of  # noqa: PLC0415 - not for --help
+    from armadico.mesh.sockets import fleet_here  # noqa: PLC0415
+    from armadico.mesh.topology import topology  # noqa: PLC0415
+    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
+
+    where = options.placed(args)
+    named = args.connect or ([] if where is None else where.table.fleet)
+    name, known = names_of(fleet_of(args), 1)[0], set[str]()
+
+    def scouts() -> Iterator[Mesh]:
+        for endpoint in {*named, *(() if args.connect else fleet_here(name))} - known:
+            known.add(endpoint)
+            mesh = ZenohMesh(name, topology(connect=endpoint), starts=True)
+            mesh.open()
+            yield mesh
+
+    return scouts
+
+
+def _recorded(rehearsal: FleetRehearsal, scenario: Scenario, path: Path) -> Recorded:
+    """What is said in a virtual run, of all robots."""
+    from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
+
+    return recorded(rehearsal.mesh, path, scenario, *rehearsal.names)
+
+
+def _recorder(
+    args: argparse.Namespace, scenario: Scenario, names: Sequence[str]
+) -> AbstractContextManager[None]:
+    """A recorder beside a live run, of all robots."""
+    if args.record is None:
+        return nullcontext()
+    from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
+
+    return recorder(args, args.record, scenario, *names)
+
+
+class _Lines:
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._said_at = float("-inf")
+
+    def show(self, watch: FleetWatch) -> None:
+        """Now and then a line on stderr."""
+        if watch.began is not None and watch.now - self._said_at >= LINE_S:
+            self._said_at = watch.now
+            options.say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
+
+
+def _table(result: FleetResult, label: str) -> None:
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=label)
+    for column in ("robot", "tasks", "way m", "collisions", "run into", "clearance m"):
+        table.add_column(column, justify="left" if column in {"robot", "tasks"} else "right")
+    for row in result.robots:
+        least = "" if row.min_clearance_m is None else f"{row.min_clearance_m:.2f}"
+        did = " ".join(map(str, row.tasks))
+        touched = ["" if count is None else str(count) for count in (row.collisions, row.bumped)]
+        table.add_row(row.robot, did, f"{row.way_m:.1f}", *touched, least)
+    Console().print(table)
+    print(result.verdict)

@@ -1,0 +1,296 @@
+"""Have missions of several tasks done: run one, list, show, cancel; the alarms."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options, progress, run, run_options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.agents.missions.messages import Board, BoardMission
+    from armadico.agents.missions.mission_file import Mission
+    from armadico.mesh.base import Mesh
+    from armadico.runtime.client import Client
+
+FIND_S: Final = 3.0
+"""How long the board is listened for: it is published each second while there are missions."""
+
+ANSWER_S: Final = 10.0
+"""What the interface agent may take to cancel one."""
+
+EXAMPLES: Final = """\
+  armadico mission run surveillance --virtual --seed 7   in one process, repeatable
+  armadico mission run surveillance                      processes on this machine
+  armadico mission run my.toml house --virtual           a mission of yours, in that scenario
+  armadico mission run rounds --attach --priority 0.9    the society is up: armadico up
+  armadico mission list                                  those that come with Armadico
+  armadico mission status                                of the society that is up
+  armadico mission alarms                                that are on, and whether seen to
+  armadico mission cancel surveillance                   or by its number, or --all
+  armadico mission log surveillance                      what came of each step
+"""
+
+RUN_EXAMPLES: Final = """\
+  armadico mission run surveillance --virtual --seed 7
+  armadico mission run surveillance --virtual --runs 5 --json
+  armadico mission run my.toml --world office.map --start 1 1.5 0 --virtual
+  armadico mission run rounds --attach --priority 0.9
+"""
+
+WHAT: Final = ("run", "list", "status", "alarms", "cancel", "log")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Do what is asked; `run` gives 0 only if it ended as asked, and nothing was touched."""
+    if argv[:1] == ["run"]:
+        return _run(argv[1:])
+    args = parser().parse_args(argv)
+    doing: dict[str, Callable[[argparse.Namespace], int]] = {
+        "list": _list,
+        "status": _status,
+        "alarms": _alarms,
+        "cancel": _cancel,
+        "log": _log,
+    }
+    return doing[args.what](args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options; those of `run` are `run_parser`'s."""
+    made = options.parser(
+        "armadico mission",
+        "Missions are procedures of several tasks, in TOML: docs/missions.md. `armadico mission"
+        " run --help` has the options of a run; the others are about the society that is up.",
+        EXAMPLES,
+    )
+    made.add_argument("what", choices=WHAT, help="what to do")
+    made.add_argument("name", nargs="?", help="cancel, log: which mission, by name or number")
+    made.add_argument("--all", action="store_true", help="cancel: all of them")
+    made.add_argument("--json", action="store_true", help="one JSON object, or list, on stdout")
+    options.add_mesh_options(made)
+    return made
+
+
+def run_parser() -> argparse.ArgumentParser:
+    """The options of `armadico mission run`."""
+    made = options.parser(
+        "armadico mission run",
+        "Have a mission done and measure it, as `armadico run` drives to a goal. It ends with the"
+        " mission, or at its time limit: --for, or the mission's own, or an hour.",
+        RUN_EXAMPLES,
+    )
+    made.add_argument("mission", help="a shipped mission's name, or a TOML file")
+    run_options.add_options(made)
+    made.add_argument(
+        "--priority", type=float, metavar="P", help="0 to 1, instead of the mission's own"
+    )
+    made.set_defaults(goal=None)
+    return made
+
+
+# A run --------------------------------------------------------------------------------------------
+
+
+def _run(argv: Sequence[str]) -> int:
+    args = run_parser().parse_args(argv)
+    if args.priority is not None and not 0.0 <= args.priority <= 1.0:
+        raise UsageError(f"--priority {args.priority:g}: from 0 to 1")
+    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415 - not for --help
+
+    mission = load_mission(args.mission)
+    if args.scenario is None and args.world is None:
+        if mission.scenario is None:
+            raise UsageError(
+                f"{mission.name} names no scenario: say one (armadico mission run"
+                f" {args.mission} house), or --world MAP --start X Y DEG"
+            )
+        args.scenario = mission.scenario
+    with run.answering(args):
+        scenario, chosen = run_options.choose(args, somewhere=False, mission=_path(args.mission))
+        return run.drive(args, scenario, chosen)
+
+
+def _path(named: str) -> str:
+    """A mission as it is found from anywhere."""
+    from armadico.config.shipped import find  # noqa: PLC0415 - not for --help
+
+    return str(find("missions", named).resolve())
+
+
+# Those that there are -----------------------------------------------------------------------------
+
+
+def _list(args: argparse.Namespace) -> int:
+    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415 - not for --help
+    from armadico.config.shipped import names  # noqa: PLC0415
+
+    found = [load_mission(name) for name in names("missions")]
+    if args.json:
+        print(json.dumps([_plain(mission) for mission in found]))
+        return 0
+    for mission in found:
+        where = f" ({mission.scenario})" if mission.scenario else ""
+        print(f"{mission.name:16} {mission.priority:.1f}  {mission.title}{where}")
+    return 0
+
+
+def _plain(mission: Mission) -> dict[str, object]:
+    return {
+        "name": mission.name,
+        "title": mission.title,
+        "priority": mission.priority,
+        "scenario": mission.scenario,
+        "steps": [str(step) for step in mission.procedures[""].steps],
+    }
+
+
+# Those of a society that is up --------------------------------------------------------------------
+
+
+def _status(args: argparse.Namespace) -> int:
+    with options.joined(args) as mesh:
+        board = _board(_client(mesh))
+        missions = () if board is None else board.missions
+        if args.json:
+            print(json.dumps([told(mission) for mission in missions]))
+            return 0
+        for mission in missions:
+            print(words(mission))
+        if board is not None and board.alarms:
+            print(options.shown(f"alarms: {', '.join(board.alarms)}"))
+        if not missions:
+            print("no missions")
+    return 0
+
+
+def _alarms(args: argparse.Namespace) -> int:
+    """The alarms that are remembered; apart from `status`, whose list is of missions."""
+    with options.joined(args) as mesh:
+        board = _board(_client(mesh))
+    rooms = () if board is None else board.alarms
+    checked = {room: board is not None and room not in board.unchecked for room in rooms}
+    if args.json:
+        print(json.dumps([{"room": room, "checked": seen} for room, seen in checked.items()]))
+        return 0
+    for room, seen in checked.items():
+        print(options.shown(f"{room:16} {'checked' if seen else 'nobody has been there yet'}"))
+    if not checked:
+        print("no alarms")
+    return 0
+
+
+def _log(args: argparse.Namespace) -> int:
+    with options.joined(args) as mesh:
+        board = _board(_client(mesh))
+        missions = () if board is None else board.missions
+        chosen = _chosen(missions, args.name) if args.name is not None else list(missions)
+        if args.json:
+            print(json.dumps([told(mission) for mission in chosen]))
+            return 0
+        for mission in chosen:
+            print(words(mission))
+            for result in mission.course.results:
+                print(f"  {result.at:8.1f} s  {progress.step_told(result)}")
+        if not chosen:
+            print("no missions")
+    return 0
+
+
+def _cancel(args: argparse.Namespace) -> int:
+    if (args.name is None) == (not args.all):
+        raise UsageError("cancel: which mission, by name or number? or --all")
+    from armadico.agents.missions.messages import MissionCancel  # noqa: PLC0415
+    from armadico.mobile.messages import MissionReply  # noqa: PLC0415
+    from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
+
+    with options.joined(args) as mesh:
+        client = _client(mesh)
+        numbers = [0]
+        if args.name is not None:
+            board = _board(client)
+            chosen = _chosen(() if board is None else board.missions, args.name)
+            numbers = [mission.mission for mission in chosen if not _over(mission)]
+            if not numbers:
+                raise FailedError(f"{args.name}: it is over already")
+        for number in numbers:
+            request = MissionCancel(number, "armadico mission cancel")
+            reply = client.ask(request, ANSWER_S, patience=FIND_S)
+            if not isinstance(reply, MissionReply):
+                raise AbsentError("no agent that takes missions is alive", mesh.namespace)
+            if reply.refusal:
+                raise FailedError(options.shown(reply.refusal))
+    print(json.dumps({"cancelled": numbers}) if args.json else "cancelled")
+    return 0
+
+
+def _client(mesh: Mesh) -> Client:
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+
+    return Client(mesh)
+
+
+def _board(client: Client) -> Board | None:
+    """The board of a society that is up; None: nobody has ever ordered a mission.
+
+    Raises AbsentError if nobody who plans missions is alive.
+    """
+    from armadico.agents.missions.messages import Board, MissionProposal  # noqa: PLC0415 - not for --help
+    from armadico.core.services import service_of  # noqa: PLC0415
+    from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
+
+    client.listen(Board)
+    board = client.wait_for(lambda: client.latest(Board), FIND_S)
+    key = service_of(MissionProposal).key
+    if board is None and not any(card and key in card.provides for card in client.cards().values()):
+        raise AbsentError("no agent that plans missions is alive", client.mesh.namespace)
+    return board
+
+
+def _chosen(missions: Sequence[BoardMission], named: str) -> list[BoardMission]:
+    """Those of a name or a number. Raises FailedError with the nearest name."""
+    found = [m for m in missions if named in (m.name, str(m.mission))]
+    if not found:
+        from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
+
+        known = advice(named, {mission.name for mission in missions})
+        raise FailedError(f"no mission {named!r} on the board; {options.shown(known)}")
+    return found
+
+
+def _over(mission: BoardMission) -> bool:
+    return mission.state.value in ("done", "failed", "cancelled")  # as on the wire
+
+
+def words(mission: BoardMission) -> str:
+    """A mission of the board in a line."""
+    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
+
+    line = f"{mission.name:16} {mission.priority:.1f}  {mission.state.value:10} {mission.mission}"
+    doing = "" if _over(mission) else f"  {at_work(mission)}"
+    note = f"  {mission.note}" if mission.note and _over(mission) else ""
+    return options.shown(f"{line}{doing}{note}")
+
+
+def told(mission: BoardMission) -> dict[str, object]:
+    """A mission of the board for programs."""
+    results = [
+        {"step": r.step, "end": r.end.value, "said": r.said, "at_s": round(r.at, 3)}
+        for r in mission.course.results
+    ]
+    return {
+        "mission": mission.mission,
+        "name": mission.name,
+        "priority": mission.priority,
+        "state": mission.state.value,
+        "by": mission.by,
+        "doing": mission.doing,
+        "room": mission.room,
+        "ahead": [*mission.ahead],
+        "note": mission.note,
+        "elapsed_s": round(mission.course.elapsed, 3),
+        "results": results,
+    }

@@ -1,0 +1,293 @@
+"""How a deliberative agent has the robot driven: the planner first, then the trajectory (3.6).
+
+Sans-IO: an agent that competes for both resources keeps one of these, hands it what it hears, and
+bids what this says. Two resources and no arbiter: whoever else wants the planner or the trajectory
+may have it in between, and what was wanted here goes on afterwards, from where the robot then is.
+
+An agent whose robot stands for a task bids for the trajectory, too (`stand`): so others see by its
+claim what standing is worth, whatever agent it is, and need not know why it stands.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from enum import StrEnum
+from math import cos, sin
+
+from armadico.core.exchange import Bid
+from armadico.core.messages import Point
+from armadico.core.resources import Resource
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.messages import (
+    MissionState,
+    MissionStatus,
+    Plan,
+    Planned,
+    PlanTask,
+    Pose,
+    Trajectory,
+    Way,
+    Waypoint,
+)
+from armadico.mobile.resources import PLANNER
+from armadico.mobile.route import Route
+
+BITS = 63
+
+JOIN_S = 2.0
+"""A new way begins where the robot will be on the present one in so long: to contend for the
+planner and then for the trajectory takes some cycles of 0.2 s and of 0.5 s."""
+
+JOIN_M = 0.3
+"""It begins so much farther on at least."""
+
+JOINED_M = 0.5
+"""Only a robot that is so near to the present way joins another one to it."""
+
+
+class Stage(StrEnum):
+    """How far an errand has come."""
+
+    NONE = "none"
+    PLANNING = "planning"  # contends for the planner
+    WAITING = "waiting"  # has a plan, and contends for the trajectory
+    DRIVING = "driving"  # holds the trajectory
+    REACHED = "reached"
+    FAILED = "failed"
+
+
+class PlanDesk:
+    """What an agent has the planner do: one plan after another."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng = rng
+        self._task: PlanTask | None = None
+        self._then: Callable[[Plan], None] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a plan is waited for."""
+        return self._task is not None
+
+    def ask(
+        self, start: Waypoint, goal: Waypoint, then: Callable[[Plan], None], why: str = ""
+    ) -> None:
+        """Want a plan; what was wanted before is not any more."""
+        self._task = PlanTask(self._rng.getrandbits(BITS), start, goal, why)
+        self._then = then
+
+    def drop(self) -> None:
+        self._task = self._then = None
+
+    def bid(self, utility: float, *, critical: bool = False) -> Bid | None:
+        """What to bid for the planner now."""
+        task = self._task
+        if task is None:
+            return None
+        return Bid(utility, task, critical, reason=f"to {_at(task.goal)}")
+
+    def take(self, planned: Planned) -> None:
+        """Hear a plan; it may be somebody else's."""
+        if self._task is None or planned.id != self._task.id:
+            return
+        then = self._then
+        self.drop()
+        if then is not None:
+            then(planned.plan)
+
+
+class Errand:
+    """One place after another that an agent has the robot driven to.
+
+    The agent hands over what it hears (`pose`, `trajectory`, `planned`, `status`), and bids what
+    `bid_for` says. Somebody who wants the trajectory more may take it: the errand is interrupted
+    then, goes on contending with what is left of its way, and whoever owns the trajectory has that
+    planned anew if the robot is elsewhere by then.
+    """
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng = rng
+        self.desk = PlanDesk(rng)
+        self.stage = Stage.NONE
+        self.goal: Waypoint | None = None
+        self.plan: Plan | None = None
+        self.note = ""
+        self.standing: Way | None = None  # what is bid for while it has no way of its own
+        self.stands = False  # the robot has come to the end of that
+        self._way: Way | None = None
+        self._driven = Route()  # whoever's way it is
+        self._mission = 0
+        self._waits = False
+
+    @property
+    def way(self) -> int:
+        """The number of its way, by which the trajectory and the mission's status know it; or 0."""
+        return 0 if self._way is None else self._way.id
+
+    @property
+    def ways(self) -> set[int]:
+        """The numbers of all that it bids for."""
+        return {way.id for way in (self._way, self.standing) if way is not None}
+
+    @property
+    def under_way(self) -> bool:
+        """Whether it has begun, and is not over."""
+        return self.stage in (Stage.PLANNING, Stage.WAITING, Stage.DRIVING)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it has a way, and somebody else's is driven."""
+        return self.stage is Stage.WAITING and self._mission not in (0, self.way)
+
+    def go(self, goal: Waypoint, pose: Pose, v: float = 0.0, why: str = "") -> None:
+        """Begin: have a way planned from where the robot will soon be.
+
+        Args:
+            goal: Where to, in the world frame.
+            pose: Where the robot is.
+            v: Its speed by the wheels, m/s.
+            why: What the planner is told, and logs.
+        """
+        self.pause()
+        if pose.deviation > LOST_M:  # a way from where it is not is none: found, it is planned anew
+            self._way = Way(self._rng.getrandbits(BITS), (goal,), Point(pose.x, pose.y))
+            self.goal, self.stage = goal, Stage.WAITING
+            return
+        self.goal, self.stage = goal, Stage.PLANNING
+        place = self._ahead(pose, v)
+        start = Waypoint(pose.x, pose.y, pose.theta) if place is None else place
+
+        def planned(plan: Plan) -> None:
+            if place is not None and _leads_back(place, plan):
+                here = Waypoint(pose.x, pose.y, pose.theta)
+                self.desk.ask(here, goal, lambda again: self._take(again, here), why)
+            else:
+                self._take(plan, start)
+
+        self.desk.ask(start, goal, planned, why)
+
+    def resume(self, goal: Waypoint, way: int) -> bool:
+        """Take up a way that is driven already, as after a restart; whether it is."""
+        if not way or way != self._mission or not self._driven.waypoints:
+            return False
+        self.drop()
+        driven = self._driven
+        self.goal, self.stage = goal, Stage.WAITING
+        self._way = Way(way, driven.waypoints, driven.start, driven.leg)
+        return True
+
+    def stand(self, pose: Pose | None, *, planned: bool = True) -> None:
+        """Keep the robot where it is, at the end of the way that it has reached or at `pose`.
+
+        A robot that was driven away comes back by a way that is planned, unless `planned` is False.
+        """
+        if self.stage is Stage.REACHED and self._way is not None:
+            self.standing, self.stands = self._way, True
+        elif self.standing is None and pose is not None:
+            here = Waypoint(pose.x, pose.y, pose.theta)
+            number = self._rng.getrandbits(BITS)
+            self.standing = Way(number, (here,), Point(here.x, here.y), planned=planned)
+        self._end()
+
+    def pause(self) -> None:
+        """End its way for another one: until that is there, it bids for what is driven now."""
+        if self.stage in (Stage.DRIVING, Stage.REACHED):
+            self.standing, self.stands = self._way, self.stage is Stage.REACHED
+        self._end()
+
+    def drop(self) -> None:
+        """End it: nothing is bid for any more."""
+        self.standing, self.stands = None, False
+        self._end()
+
+    def _end(self) -> None:
+        self.desk.drop()
+        self.stage, self.goal, self.plan, self.note, self._way = Stage.NONE, None, None, "", None
+
+    def bid_for(
+        self, resource: Resource, utility: float, *, critical: bool = False, cleared: bool = True
+    ) -> Bid | None:
+        """What to bid for the planner or the trajectory now; None: nothing.
+
+        A way that is not `cleared` yet is not bid for.
+        """
+        if resource is PLANNER:
+            return self.desk.bid(utility, critical=critical)
+        bids = cleared and self.stage in (Stage.WAITING, Stage.DRIVING, Stage.REACHED)
+        if bids and self._way is not None:
+            return Bid(utility, self._way, critical, reason=f"to {_at(self._way.waypoints[-1])}")
+        if self.standing is None:
+            return None
+        reason = f"stands at {_at(self.standing.waypoints[-1])}"
+        return Bid(utility, self.standing, critical, reason=reason)
+
+    def pose(self, pose: Pose) -> None:
+        """How far the robot has come on the way that is driven."""
+        self._driven.advance(pose.x, pose.y)
+        self._keep()
+
+    def trajectory(self, trajectory: Trajectory) -> None:
+        """Which way is driven; its own may have been joined to another's, or planned anew."""
+        self._mission, self._waits = trajectory.mission, trajectory.waits
+        if trajectory.waypoints != self._driven.waypoints:
+            self._driven = Route.of(trajectory)
+        else:
+            self._driven.catch_up(trajectory.leg)
+        self._keep()
+
+    def planned(self, planned: Planned) -> None:
+        self.desk.take(planned)
+
+    def status(self, status: MissionStatus) -> None:
+        """How far whoever's way is driven has come."""
+        if self.standing is not None and status.mission == self.standing.id:
+            self.stands = status.state is MissionState.REACHED
+        if self._way is None or not self.under_way:
+            return
+        if status.mission != self._way.id:
+            self.stage = Stage.WAITING
+        elif status.state is MissionState.REACHED:
+            self.stage = Stage.REACHED
+        elif status.state is MissionState.FAILED:
+            self.stage, self.note = Stage.FAILED, status.note
+        elif status.state is MissionState.DRIVING:
+            self.stage, self.note = Stage.DRIVING, status.note
+            self.standing, self.stands = None, False
+        else:
+            self.stage = Stage.WAITING
+
+    def _ahead(self, pose: Pose, v: float) -> Waypoint | None:
+        """The place to join the way that is driven; None: the robot stands, or is not on it."""
+        driven = self._driven
+        if not driven.waypoints or self._waits or driven.off(pose.x, pose.y) > JOINED_M:
+            return None
+        return driven.ahead(pose.x, pose.y, max(JOIN_M, abs(v) * JOIN_S))[0]
+
+    def _take(self, plan: Plan, start: Waypoint) -> None:
+        self.plan = plan
+        if plan.refusal or not plan.waypoints:
+            self.stage, self.note = Stage.FAILED, plan.refusal or "the plan has no points"
+            return
+        self._way = Way(self._rng.getrandbits(BITS), plan.waypoints, Point(start.x, start.y))
+        self.stage = Stage.WAITING
+
+    def _keep(self) -> None:
+        """What is bid for is the way as it is driven, and what is left of it."""
+        way, driven = self._way, self._driven
+        if way is None or way.id != self._mission or not driven.waypoints:
+            return
+        if way.waypoints != driven.waypoints or way.leg != driven.leg:
+            self._way = Way(way.id, driven.waypoints, driven.start, driven.leg, way.planned)
+
+
+def _leads_back(place: Waypoint, plan: Plan) -> bool:
+    """Whether a plan from a place on the way turns back there."""
+    if not plan.waypoints:
+        return True
+    to = plan.waypoints[0]
+    return (to.x - place.x) * cos(place.theta) + (to.y - place.y) * sin(place.theta) < 0.0
+
+
+def _at(place: Waypoint) -> str:
+    return f"({place.x:.2f}, {place.y:.2f})"

@@ -1,0 +1,324 @@
+"""The explore agent: has the robot driven from frontier to frontier of the map, and back."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Annotated, Any, ClassVar
+
+from msgspec import Meta
+
+from armadico.agents.methods.geometry import Placed, direction
+from armadico.agents.methods.grid import Margins
+from armadico.agents.methods.planning import headed, radii
+from armadico.agents.missions.frontiers import Chart, crossed
+from armadico.agents.missions.messages import (
+    ChargeState,
+    ChargeStatus,
+    ExploreRequest,
+    ExploreState,
+    ExploreStatus,
+)
+from armadico.config.grid_map import FREE, Cells, cells_of
+from armadico.config.profile import load_profile
+from armadico.core import agent
+from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.messages import Message, line
+from armadico.mobile.messages import (
+    BatteryLevel,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    OccupancyGrid,
+    Pose,
+    Waypoint,
+)
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """The robot that is driven, and what is tried until something is given up."""
+
+    profile: str = "pioneer-2dx"
+    stuck_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # without coming nearer
+    map_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # without a map
+    tries: Annotated[int, Meta(ge=1, le=100)] = 5  # to have a mission taken on, or to get home
+    charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # with this it goes on from the dock
+
+
+PROGRESS_M = 0.1
+"""So much nearer is nearer."""
+
+TURNING_M = 0.05
+"""So much more than its turning circle a frontier leaves it: what is beyond is not known yet."""
+
+LANE_M = 1.0
+"""The way is counted on to be no longer than lanes of this width over all of the rectangle."""
+
+
+class Explore(Agent):
+    """Asks the interface agent for one mission after another: it drives nobody itself.
+
+    The next frontier is chosen as soon as the last one is known, which is mostly on the way to it.
+    """
+
+    name = "explore"
+    alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (
+        *(Pose, OccupancyGrid, MissionStatus),
+        *(ChargeStatus, BatteryLevel),
+    )
+    provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
+    answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
+    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
+    parameters = Parameters
+    launched_with = ("profile",)
+    changeable: ClassVar = {"stuck_s": "s", "tries": "", "charged": ""}
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        body = load_profile(self.p.profile).body
+        self._tries = [Margins(r) for r in (body.circle_m + TURNING_M, *radii(body))]
+        self._exploration = 0
+        self._state = ExploreState.NONE
+        self._note = ""
+        self._cells: Cells | None = None
+        self._known = 0.0
+        self._within = (0.0, 0.0, 0.0, 0.0)
+        self._home = Waypoint(0.0, 0.0, 0.0)
+        self._places = self._failures = 0
+        self._avoided: list[Placed] = []  # what was given up
+        self._second_look = False
+        self._missions: set[int] = set()  # those that it asked for
+        self._target: Placed | None = None
+        self._way: list[Placed] = []
+        self._mission = self._leg = 0  # the one that is driven
+        self._pending = False  # one was asked for, and not answered yet
+        self._paused = False  # while the robot is charged
+        self._to_go = 0.0
+        self._nearer_at = self._map_at = 0.0
+
+    def on_start(self) -> None:
+        """Begin to publish now and then."""
+        self.wake_at(self.now + 1.0)
+
+    def on_explore_request(self, question: Question) -> MissionReply:
+        """Begin, at once; what was explored before is ended."""
+        request = question.request
+        assert isinstance(request, ExploreRequest)
+        pose = self.fresh(Pose)
+        if pose is None:
+            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+        if self._cells is None:
+            return self._refuse("nobody makes a map: no mapping/grid")
+        within = (request.x1, request.y1, request.x2, request.y2)
+        width, height = within[2] - within[0], within[3] - within[1]
+        if not (width > 0 < height and self._in(within, pose)):
+            return self._refuse("the robot is not in the rectangle that is to be explored")
+        self._exploration = self.rng.getrandbits(63)
+        self._within = within
+        self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
+        self._places = self._failures = 0
+        self._avoided = []
+        self._second_look = False
+        self._missions.clear()
+        self._paused = False
+        self._became(ExploreState.EXPLORING)
+        self._drop()
+        return MissionReply(self._exploration, length=min(width * height / LANE_M, 1e6))
+
+    def on_occupancy_grid(self, grid: OccupancyGrid) -> None:
+        """Look whether what is driven to is still worth it."""
+        try:
+            self._cells = cells_of(grid)
+        except ValueError as error:
+            self.log(f"mapping/grid: {error}", WARNING)
+            return
+        self._map_at = self.now
+        self._known = self._cells.area(FREE)
+        if not self._at_work or self._pending or self._paused:
+            return
+        chart = Chart(self._cells, self._within)
+        if self._target is None or not self._worth(chart, self._target):
+            self._go_on(chart)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        """Arrived, nearer, or sent elsewhere by somebody."""
+        if not self._at_work or self._pending or not self._mission:
+            return
+        if status.mission not in self._missions:
+            if self._charges:
+                self._pause()
+            else:
+                self._fail("somebody has sent the robot elsewhere")
+        elif status.mission == self._mission:
+            self._leg = status.leg
+            if status.to_go < self._to_go - PROGRESS_M:
+                self._to_go, self._nearer_at = status.to_go, self.now
+            if status.state is MissionState.REACHED:
+                self._arrived()
+
+    def on_wakeup(self) -> None:
+        """Publish how far it is; give up what is not reached."""
+        self.wake_at(self.now + 1.0)
+        if self._at_work and self._paused:
+            self._nearer_at = self._map_at = self.now
+            if not self._charges or self._is_charged:
+                self._paused = False
+                self.log("goes on exploring")
+        elif self._at_work:
+            if self.stopped is not None:
+                self._nearer_at = self.now
+            if self.now - self._map_at > self.p.map_s:
+                self._fail(f"no map for {self.p.map_s:g} s")
+            elif self.now - self._nearer_at > self.p.stuck_s:
+                self._give_up("no nearer")
+        self._publish()
+
+    # Inside --------------------------------------------------------------------------------------
+
+    @property
+    def _at_work(self) -> bool:
+        return self._state in (ExploreState.EXPLORING, ExploreState.RETURNING)
+
+    @property
+    def _charges(self) -> bool:
+        """Whether the charger has the robot driven, or holds it in a dock."""
+        status = self.latest(ChargeStatus)
+        return status is not None and status.state is not ChargeState.NONE
+
+    @property
+    def _is_charged(self) -> bool:
+        """Whether it stands in a dock with enough to go on: who drives on is let out."""
+        status, level = self.latest(ChargeStatus), self.latest(BatteryLevel)
+        docked = status is not None and status.state is ChargeState.CHARGING
+        return docked and level is not None and level.share >= self.p.charged
+
+    def _pause(self) -> None:
+        """The charger needs the robot: what was driven to is chosen anew afterwards."""
+        self.log("the robot is charged first")
+        self._drop()
+        self._paused = True
+
+    def _in(self, within: tuple[float, float, float, float], at: Pose) -> bool:
+        return within[0] <= at.x <= within[2] and within[1] <= at.y <= within[3]
+
+    def _drop(self) -> None:
+        """Nothing is driven to."""
+        self._target = None
+        self._way = []
+        self._mission = self._leg = 0
+        self._pending = False
+        self._nearer_at = self._map_at = self.now
+
+    def _worth(self, chart: Chart, target: Placed) -> bool:
+        """Whether what is driven to is unknown still, or home, and nothing was seen on the way."""
+        pose = self.latest(Pose)
+        if pose is not None and self._cells is not None:
+            left = [Placed(pose.x, pose.y), *self._way[self._leg + 1 :]]
+            if crossed(self._cells, left):
+                return False
+        home = self._state is ExploreState.RETURNING
+        return home or chart.unknown_at(target, self._tries[0])
+
+    def _go_on(self, chart: Chart) -> None:
+        """To the next frontier, or home if there is none."""
+        pose = self.fresh(Pose)
+        if pose is None:
+            return
+        here = Placed(pose.x, pose.y, pose.theta)
+        if self._state is ExploreState.EXPLORING:
+            places = chart.to_frontier(here, self._tries, self._avoided)
+            if places is not None:
+                self._places += 1
+                before = places[-2] if len(places) > 1 else here
+                self._drive(places, direction(before, places[-1]))
+                return
+            if self._avoided and not self._second_look:
+                self._second_look = True  # what was in the way may have gone, or was never there
+                self._avoided = []
+                self._go_on(chart)
+                return
+            self._became(ExploreState.RETURNING)
+        home = Placed(self._home.x, self._home.y)
+        way = chart.way(here, home, self._tries)
+        if way is None:
+            self._failed("there is no way back")
+        else:
+            self._drive(way, self._home.theta)
+
+    def _drive(self, places: list[Placed], theta: float) -> None:
+        """Have the interface agent send the robot there."""
+        end = places[-1]
+        through = tuple(Waypoint(p.x, p.y, p.theta) for p in headed(places))
+        goal = Waypoint(end.x, end.y, theta if abs(theta) <= pi else 0.0)
+        self._drop()
+        self._target, self._way, self._pending = end, places, True
+
+        def taken(reply: MissionReply | None) -> None:
+            if not self._at_work:
+                return
+            self._pending = False
+            if reply is None or reply.refusal:
+                why = "nobody takes missions" if reply is None else reply.refusal
+                self._failed(f"a mission was refused: {why}")
+                return
+            self._mission = reply.mission
+            self._missions.add(reply.mission)
+            self._to_go, self._nearer_at = reply.length, self.now
+
+        self.ask(MissionRequest(goal, through, planned=False), taken)
+
+    def _arrived(self) -> None:
+        if self._state is ExploreState.RETURNING:
+            left = len(self._avoided)
+            if left:
+                self._fail(f"{left} places could not be reached")
+            else:
+                self._became(ExploreState.DONE)
+            return
+        if self._cells is not None and self._target is not None:
+            chart = Chart(self._cells, self._within)
+            if chart.unknown_at(self._target, self._tries[0]):
+                self._give_up("still unknown from there")
+        self._target = None
+
+    def _give_up(self, why: str) -> None:
+        """Leave what is driven to for later; of home that is a failure."""
+        if self._state is ExploreState.RETURNING or self._target is None:
+            self._failed(f"no way on: {why}")
+            return
+        self.log(f"({self._target.x:.2f}, {self._target.y:.2f}) is left for later: {why}", WARNING)
+        self._avoided.append(self._target)
+        self._drop()
+
+    def _failed(self, why: str) -> None:
+        """Try again with the next map, so many times."""
+        self._drop()
+        self._failures += 1
+        if self._failures >= self.p.tries:
+            self._fail(why)
+
+    def _fail(self, why: str) -> None:
+        self._note = line(why)
+        self._became(ExploreState.FAILED)
+
+    def _became(self, state: ExploreState) -> None:
+        self._state = state
+        if state is ExploreState.EXPLORING:
+            self._note = ""
+        note = f": {self._note}" if self._note else ""
+        level = WARNING if state is ExploreState.FAILED else agent.INFO
+        self.log(f"{state.value}, {self._known:.0f} m^2 known{note}", level)
+        self._publish()
+
+    def _refuse(self, why: str) -> MissionReply:
+        self.log(f"refused: {why}", WARNING)
+        return MissionReply(0, line(why))
+
+    def _publish(self) -> None:
+        given_up = len(self._avoided) if self._exploration else 0
+        places = self._places if self._exploration else 0
+        self.publish(
+            ExploreStatus(self._exploration, self._state, self._known, places, given_up, self._note)
+        )

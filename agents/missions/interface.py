@@ -1,0 +1,690 @@
+"""The interface agent: takes a goal, has it planned, publishes the trajectory, reports (3.9.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
+from math import hypot, inf
+from typing import Annotated, Any, ClassVar, Final
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
+from armadico.agents.missions.messages import (
+    MissionCancel,
+    MissionOrder,
+    MissionProposal,
+    MissionWithdrawal,
+)
+from armadico.agents.teleop.messages import TeleopStatus
+from armadico.core import agent
+from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.messages import (
+    Action,
+    Description,
+    Message,
+    MessageError,
+    Point,
+    RobotState,
+    encode,
+    line,
+    next_count,
+)
+from armadico.core.resources import Resource
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import relative, wrap
+from armadico.mobile.messages import (
+    WAYPOINTS,
+    InitialPose,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Pose,
+    Trajectory,
+    Way,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.resources import TRAJECTORY
+from armadico.mobile.route import Route
+
+NOBODY_KNOWS: Final = "nobody knows where the robot is: no fresh encoder/pose"
+WAS_LOST: Final = "the robot was lost"
+BY_HAND: Final = "the robot was driven by hand"
+UNDER_WAY: Final = "the robot is under way for somebody else"
+NOBODY_PLANS: Final = "nobody plans missions: no mission planning agent answered"
+ACROSS: Final = "something stands across the way"
+ELSEWHERE: Final = "the way begins elsewhere"
+
+WITHDRAW_S: Final = 60.0
+"""So long an order that nobody has answered is withdrawn again and again: it may wait somewhere."""
+
+WITHDRAWN_MOST: Final = 16
+
+LOOK_CYCLES: Final = 3
+"""Whether something stands across the way is looked at in each so many-th cycle."""
+
+UNHEARD_S: Final = 2.0
+"""A longer time without poses counts for nothing: no timeout is due to it."""
+
+PARKING_M: Final = 0.3
+"""Nearer to the goal than this there is no other way to it."""
+
+ELSEWHERE_M: Final = 0.15
+"""A way that leaves the one that is driven by so much is another one."""
+
+PLACED_M: Final = 0.3
+"""The pose is so near to where people have the robot, once the encoder agent knows of it,"""
+
+PLACED_S: Final = 2.0
+"""within this time."""
+
+MOVES: Final = "it moves: where it stands can be told at rest only"
+NOT_PLACED: Final = "no encoder agent took on where the robot stands"
+
+BESIDE_M: Final = 0.5
+"""A holder's way that is farther from the robot than this is planned anew before it is driven."""
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """When a goal counts as reached, by pose and measured speeds; and how often it publishes."""
+
+    near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
+    turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
+    slow_m_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_M_S
+    slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_RAD_S
+    repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0
+    planning_s: Annotated[float, Meta(gt=0, le=120)] = 20.0
+    reach_m: Annotated[float, Meta(gt=0, le=1e5)] = 200.0
+    """A goal or waypoint that no planner has looked at may be so far from the one before."""
+
+    nearer_m: Annotated[float, Meta(gt=0, le=10)] = 0.1
+    nearer_s: Annotated[float, Meta(gt=0, le=600)] = 10.0
+    """No nearer by so much for so long: the way is planned anew. A turn on the spot takes 6 s."""
+
+    across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15
+    flank_m: Annotated[float, Meta(ge=0, le=1)] | None = None
+    """None, or so far beside the body, instead of `across_m` to the way: for who drives fast."""
+
+    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0
+    look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5
+    """So is it if something is that near to the way, so far ahead, for so long."""
+
+    again_s: Annotated[float, Meta(gt=0, le=600)] = 3.0
+    """At the most so often; and so often is it tried whether a way has become free."""
+
+    give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0
+    """A mission fails that has been blocked, and come no nearer to its goal, for so long,"""
+
+    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1
+    """and for as long as the longest way round takes at this speed."""
+
+    contacts: Annotated[int, Meta(ge=1, le=1000)] = 3
+    """A mission fails, and the robot stands, at this contact"""
+
+    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
+    """within this time,"""
+
+    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5
+    """and this distance of each other by the odometry: trying again only does damage there."""
+
+
+class Interface(Agent):
+    """The link to the people and programs outside the community.
+
+    The mission is the trajectory, a latched state: an interface agent that is started
+    again goes on with it. Agents that want the robot driven somewhere contend for the trajectory
+    (3.6): this one owns it, and has the holder's way driven. While nobody holds it, it takes a goal
+    from people.
+    """
+
+    name = "interface"
+    alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, TeleopStatus)
+    provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus, InitialPose)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
+    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
+    owns = (TRAJECTORY,)
+    parameters = Parameters
+    changeable: ClassVar = {
+        "nearer_s": "s",
+        "again_s": "s",
+        "give_up_s": "s",
+        "give_up_m_s": "m/s",
+    }
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._mission = 0
+        self._state = MissionState.NONE
+        self._route = Route()
+        self._to_go = 0.0
+        self._note = ""
+        self._refused = ""  # why the last goal was
+        self._plans = False  # the mission's way is the planner's,
+        self._replans = ""  # and it is to be asked again, for this reason
+        self._waits, self._why_waits = False, ""  # no way is free
+        self._blocked_by = ""  # why it was planned anew
+        self._asking = False
+        self._unanswered = False  # nobody plans, and that was said
+        self._ask_at = -inf  # not before
+        self._nearest, self._nearest_at = inf, 0.0  # m to go on this way
+        self._best, self._best_at = inf, 0.0  # of the whole mission
+        self._longest = 0.0  # of the ways that were planned anew, m
+        self._pose_at = 0.0
+        self._across_since: float | None = None
+        self._across_m = self.p.across_m
+        self._contacts: list[tuple[float, int, float, float]] = []  # s, epoch, odometry in m
+        self._touches = False
+        self._held = False  # the mission is the way of whoever holds the trajectory
+        self._placing: tuple[Question, MissionRequest, float] | None = None  # until when
+        self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number; until when
+
+    def on_start(self) -> None:
+        """Begin to publish now and then."""
+        self.wake_at(self.now + self.p.repeat_s)
+
+    def on_mission_request(self, question: Question) -> MissionReply | None:
+        """Take a mission on, or refuse it with the reason, before the robot moves."""
+        request = question.request
+        assert isinstance(request, MissionRequest)
+        if request.start is not None:
+            return self._place(question, request, request.start)
+        return self._consider(question, request)
+
+    def _place(
+        self, question: Question, request: MissionRequest, at: Waypoint
+    ) -> MissionReply | None:
+        """Tell the encoder agent where the robot stands; the mission waits for its pose."""
+        if self._placing is not None or self._state is MissionState.PLANNING:
+            return self._refuse(UNDER_WAY)
+        if not self._rests() or self._held or self._state is MissionState.DRIVING:
+            return self._refuse(MOVES)
+        self._placing = question, request, self.now + PLACED_S
+        self.publish(InitialPose(at.x, at.y, at.theta))
+        return None
+
+    def _rests(self) -> bool:
+        state = self.fresh(RobotState)
+        return state is not None and self._is_slow(state)
+
+    def _is_slow(self, state: RobotState) -> bool:
+        return rests(state, self.p.slow_m_s, self.p.slow_rad_s)
+
+    def _see_placed(self, pose: Pose | None) -> None:
+        """Go on with a mission once the pose is where people have the robot; not too late."""
+        if self._placing is None:
+            return
+        question, request, until = self._placing
+        at = request.start
+        assert at is not None, "it waits for that"
+        reply: MissionReply | None
+        if self.now >= until:
+            reply = self._refuse(NOT_PLACED)
+        elif (
+            pose is not None
+            and self._rests()
+            and hypot(pose.x - at.x, pose.y - at.y) <= PLACED_M
+            and abs(wrap(pose.theta - at.theta)) <= PLACED_M
+        ):
+            reply = self._consider(question, request)
+        else:
+            return
+        self._placing = None
+        if reply is not None:
+            self.answer(question, reply)
+
+    def _consider(self, question: Question, request: MissionRequest) -> MissionReply | None:
+        """Take a mission on from where the robot is by its pose."""
+        pose = self.fresh(Pose)
+        if pose is None:
+            return self._refuse(NOBODY_KNOWS)
+        if self._held:
+            holder = self.owner(TRAJECTORY).obeyed
+            return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
+        if self._may_not_replace(request):
+            return self._refuse(UNDER_WAY)
+        if not request.planned:
+            far = self._too_far(pose, (*request.waypoints, request.goal))
+            if far:
+                return self._refuse(far)
+            return self._begin((*request.waypoints, request.goal), 0.0, planned=False)
+        if pose.deviation > LOST_M:  # a way from a place where it is not is none
+            reply = self._begin((request.goal,), 0.0, planned=True)
+            self._replans = WAS_LOST
+            return reply
+        if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
+            self._state = MissionState.PLANNING
+        start = Waypoint(pose.x, pose.y, pose.theta)
+
+        def planned(plan: Plan | None) -> None:
+            late = self._may_not_replace(request)
+            self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan))
+
+        self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
+        return None
+
+    def _may_not_replace(self, request: MissionRequest) -> bool:
+        """Whether the mission that is under way is another than the one that it may replace."""
+        only = request.replaces
+        return only not in (None, self._mission) and self._state is MissionState.DRIVING
+
+    def on_mission_order(self, question: Question) -> None:
+        """Propose a mission of several tasks to whoever plans missions (use case 1).
+
+        Who does not answer may hang, and would begin it later: what people are told is refused is
+        withdrawn.
+        """
+        order = question.request
+        assert isinstance(order, MissionOrder)
+        order = order if order.mission else replace(order, mission=self.rng.getrandbits(63) or 1)
+
+        def answered(reply: MissionReply | None) -> None:
+            if reply is None:
+                self._withdraw(MissionCancel(order.mission, order.by))
+                reply = MissionReply(0, f"{NOBODY_PLANS}; the order is withdrawn")
+            self.answer(question, reply)
+
+        self.ask(MissionProposal(order), answered)
+
+    def on_mission_cancel(self, question: Question) -> None:
+        cancel = question.request
+        assert isinstance(cancel, MissionCancel)
+
+        def answered(reply: MissionReply | None) -> None:
+            if reply is None and cancel.mission:
+                self._withdraw(cancel)
+            self.answer(question, reply or MissionReply(0, NOBODY_PLANS))
+
+        self.ask(MissionWithdrawal(cancel), answered)
+
+    def _withdraw(self, cancel: MissionCancel) -> None:
+        """Have a mission left be that nobody has answered for, until somebody does."""
+        withdrawn = {**self._withdrawn, cancel.mission: (cancel, self.now + WITHDRAW_S)}
+        self._withdrawn = dict([*withdrawn.items()][-WITHDRAWN_MOST:])
+        self._withdraw_again()
+
+    def _withdraw_again(self) -> None:
+        def answered(number: int, reply: MissionReply | None) -> None:
+            if reply is not None:
+                self._withdrawn.pop(number, None)
+
+        for number, (cancel, until) in list(self._withdrawn.items()):
+            if self.now > until:
+                del self._withdrawn[number]
+            else:
+                self.ask(MissionWithdrawal(cancel), partial(answered, number))
+
+    def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
+        """Nobody's way is driven by a robot of which nobody knows where it is."""
+        return "" if self.fresh(Pose) is not None or self._held else NOBODY_KNOWS
+
+    def beyond(self, resource: Resource, action: Way) -> str:  # noqa: ARG002
+        """What is wrong with a way that no planner has looked at."""
+        pose = self.latest(Pose)
+        return "" if action.planned or pose is None else self._too_far(pose, action.waypoints)
+
+    def obey(self, resource: Resource, action: Way) -> None:  # noqa: ARG002
+        """Have the holder's way driven, if it is another one than so far."""
+        peoples, self._held = not self._held, True
+        pose = self.latest(Pose)
+        if pose is None or (action.id == self._mission and self._state is not MissionState.NONE):
+            return
+        if self._state is MissionState.DRIVING and action.id != self._mission:
+            # A holder's is interrupted, and may go on; people's has nobody to remember it.
+            self._state = MissionState.FAILED if peoples else MissionState.NONE
+            self._note = "another way is driven instead"
+            self._say_status(self._to_go)
+        route = Route(action.waypoints, action.start, action.leg)
+        self._take_on(action.id, route, pose, planned=action.planned)
+        if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
+            self._waits = True  # until there is a way from here
+            self._plan_anew(pose, ELSEWHERE)
+        self.publish(self._next(action.id, self._route, action.waypoints))
+
+    def rest(self, resource: Resource) -> None:  # noqa: ARG002
+        """End the holder's way where the robot is."""
+        if not self._held:
+            return
+        self._held = False
+        if self._state is MissionState.DRIVING:
+            self._state, self._waits, self._why_waits, self._note = MissionState.NONE, False, "", ""
+            self.publish(self._next(self._mission, self._route, ()))
+            self._say_status(self._to_go)
+
+    def measure(self, resource: Resource) -> Action:
+        """The way that is driven now, and how far it has come: who wants another may join it."""
+        if self._state is not MissionState.DRIVING:
+            return resource.neutral
+        route = self._route
+        return encode(Way(self._mission, route.waypoints, route.start, route.leg, self._plans))
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """A mission that a peer remembers, and this one does not know."""
+        ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # so peers remember, too
+        if trajectory.mission == self._mission and (trajectory.waypoints or ended):
+            return
+        self._mission, self._refused = trajectory.mission, ""
+        self._route = Route.of(trajectory)
+        self._plans, self._waits = trajectory.planned, trajectory.waits
+        self._count_anew()
+        if trajectory.waypoints:
+            self._state = MissionState.DRIVING
+            self.log(f"mission {self._mission} goes on")
+        else:
+            self._state = MissionState.NONE
+
+    def on_pose(self, pose: Pose) -> None:
+        """Follow the trajectory; publish how far it is, and the arrival."""
+        unheard, self._pose_at = self.now - self._pose_at, self.now
+        if unheard > UNHEARD_S:
+            self._leave_out(unheard)
+        self._see_placed(pose)
+        if self._state is not MissionState.DRIVING:
+            return
+        teleop = self.fresh(TeleopStatus)
+        if pose.deviation > LOST_M:
+            self._replans = WAS_LOST if self._plans else ""
+            self._note = f"lost: +-{pose.deviation:.1f} m"
+            self._count_anew()
+        elif teleop is not None and teleop.hand:
+            self._replans = self._replans or (BY_HAND if self._plans else "")
+            self._note = line(f"{teleop.hand} drives by hand")
+            self._count_anew()
+            self._route.advance(pose.x, pose.y)
+        else:
+            self._note = self._why_waits
+            self._route.advance(pose.x, pose.y)
+            if self._replans:
+                why, self._replans = self._replans, ""
+                self._plan_anew(pose, why)
+        self._to_go = self._route.to_go(pose.x, pose.y)
+        why = self._blocked()
+        if why:
+            self._plan_anew(pose, why)
+        if self._arrived(pose):
+            self._state = MissionState.REACHED
+            self.log(f"mission {self._mission}: goal reached")
+            self.publish(self._next(self._mission, self._route, ()))
+            self._say_status(self._to_go)
+        elif pose.cycle.number % 2 == 0:
+            self._say_status(self._to_go)
+
+    def on_robot_state(self, state: RobotState) -> None:
+        """Fail a mission that has the robot touch something at one place again and again."""
+        begins, self._touches = state.stalled and not self._touches, state.stalled
+        teleop = self.fresh(TeleopStatus)
+        by_hand = teleop is not None and bool(teleop.hand)
+        if not begins or by_hand or self._state is not MissionState.DRIVING:
+            return
+        p, epoch = self.p, state.cycle.epoch
+        self._contacts = [c for c in self._contacts if self.now - c[0] <= p.contacts_s]
+        self._contacts.append((self.now, epoch, state.x, state.y))
+        here = [
+            c
+            for c in self._contacts
+            if c[1] == epoch and hypot(c[2] - state.x, c[3] - state.y) <= p.contacts_m
+        ]
+        if len(here) >= p.contacts:
+            side = "" if state.touch is None else " ahead" if state.touch.x > 0.0 else " behind"
+            pose = self.latest(Pose)
+            at = "" if pose is None else f" at ({pose.x:.2f}, {pose.y:.2f})"
+            time = f"{self.now - here[0][0]:.0f} s"
+            self._fail(f"the robot touched something{side}{at}: contact {len(here)} in {time}")
+
+    def on_wakeup(self) -> None:
+        """Publish the trajectory again for late joiners."""
+        self.wake_at(self.now + self.p.repeat_s)
+        self._see_placed(None)
+        self._withdraw_again()
+        known = self.memory.newest(Trajectory)
+        if known is not None:
+            self.publish(replace(known, leg=self._route.leg))
+        if self._state is not MissionState.DRIVING:
+            self._say_status(self._to_go)
+
+    def on_description(self, said: Description) -> None:
+        """How wide the robot is, and so its way."""
+        if self.p.flank_m is not None:
+            self._across_m = said.half_width + self.p.flank_m
+
+    def on_obstacles(self, obstacles: Obstacles) -> None:
+        """Whether something stands across the way ahead."""
+        if obstacles.cycle.number % LOOK_CYCLES:
+            return
+        pose = self.fresh(Pose)
+        watched = self._state is MissionState.DRIVING and self._plans and not self._waits
+        if not watched or pose is None or not self._stands_across(pose, obstacles):
+            self._across_since = None
+        elif self._across_since is None:
+            self._across_since = self.now
+
+    def _stands_across(self, pose: Pose, obstacles: Obstacles) -> bool:
+        """Whether anything is nearer than `across_m` to the way ahead, as far as is looked."""
+        here = (pose.x, pose.y, pose.theta)
+        places = [(0.0, 0.0)]
+        left = self.p.look_m
+        for to in self._route.waypoints[self._route.leg :]:
+            x, y, _ = relative(here, (to.x, to.y, 0.0))
+            from_x, from_y = places[-1]
+            length = hypot(x - from_x, y - from_y)
+            share = min(1.0, left / length) if length else 1.0
+            places.append((from_x + share * (x - from_x), from_y + share * (y - from_y)))
+            left -= length
+            if left <= 0.0:
+                break
+        near = [p for p in obstacles.points if hypot(p.x, p.y) < self.p.look_m]
+        return any(_off(p.x, p.y, places) < self._across_m for p in near)
+
+    def _blocked(self) -> str:
+        """Why the way is to be planned anew; "" if it is not, or not yet."""
+        p = self.p
+        if self.stopped is not None:
+            self._count_anew()
+        if self._to_go < self._nearest - p.nearer_m:
+            self._nearest, self._nearest_at = self._to_go, self.now
+        if self._to_go < self._best - p.nearer_m:
+            self._best, self._best_at = self._to_go, self.now
+        if not self._plans or self._replans or self._asking or self.now < self._ask_at:
+            return ""
+        if self._waits:
+            return self._blocked_by or "no way was free"
+        if self.now - self._nearest_at > p.nearer_s and self._to_go > PARKING_M:
+            return f"no nearer for {p.nearer_s:g} s"
+        since = self._across_since
+        if since is not None and self.now - since >= p.across_s:
+            return ACROSS
+        return ""
+
+    def _count_anew(self) -> None:
+        """The robot was not to come nearer until now: it had no way, was stopped, or lost."""
+        self._nearest, self._nearest_at, self._best_at = inf, self.now, self.now
+        self._across_since = None
+
+    def _leave_out(self, unheard: float) -> None:
+        """Count no time without poses: nothing is known of what happened meanwhile."""
+        self._nearest_at = min(self._nearest_at + unheard, self.now)
+        self._best_at = min(self._best_at + unheard, self.now)
+        self._across_since = None
+
+    def _plan_anew(self, pose: Pose, why: str) -> None:
+        """Have the way to the goal planned from here; the mission is the same."""
+        goal = self._route.goal
+        assert goal is not None, "it drives somewhere"
+        mission = self._mission
+        self._asking, self._blocked_by = True, why
+
+        def planned(plan: Plan | None) -> None:
+            self._asking, self._ask_at = False, self.now + self.p.again_s
+            if self._mission != mission or self._state is not MissionState.DRIVING:
+                return
+            here = self.latest(Pose) or pose
+            if plan is None and why != WAS_LOST and not self._waits:
+                self._go_on(why)
+                return
+            self._unanswered = plan is None
+            if plan is None or plan.refusal or not plan.waypoints:
+                self._no_way(why, "nobody plans" if plan is None else plan.refusal)
+            elif why != ACROSS or self._waits or self._leads_elsewhere(plan, here):
+                self._take_way(plan, here, why)
+
+        start = Waypoint(pose.x, pose.y, pose.theta)
+        self.ask(PlanRequest(start, goal, why), planned, self.p.planning_s)
+
+    def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
+        """Drive another way to the same goal."""
+        self._longest = max(self._longest, plan.length)
+        if self._given_up(why):
+            return
+        self._waits, self._why_waits = False, ""
+        self._nearest, self._nearest_at, self._across_since = inf, self.now, None
+        self._route = Route(plan.waypoints, Point(here.x, here.y))
+        self.publish(self._next(self._mission, self._route, plan.waypoints))
+        self.log(f"planned anew, {plan.length:.1f} m: {why}")
+
+    def _go_on(self, why: str) -> None:
+        """Nobody plans: that is no word on the way there is, and behaviours go round things."""
+        if not self._given_up(why) and not self._unanswered:
+            self._unanswered = True
+            self.log(line(f"{why}, and nobody plans: it goes on by the way there is"), WARNING)
+
+    def _no_way(self, why: str, refusal: str) -> None:
+        """Wait for a way to become free."""
+        if self._given_up(refusal):
+            return
+        if not self._waits:
+            self.log(line(f"{why}, and there is no plan from here: {refusal}"), WARNING)
+        self._why_waits = line(f"waits: {refusal}")
+        if not self._waits:
+            self._waits = True
+            self.publish(self._next(self._mission, self._route, self._route.waypoints))
+
+    def _given_up(self, why: str) -> bool:
+        """Whether the mission has failed because the robot comes no nearer."""
+        since = self.now - self._best_at
+        if since <= self.p.give_up_s + self._longest / self.p.give_up_m_s:
+            return False
+        self._fail(f"no nearer for {since:.0f} s: {why}")
+        return True
+
+    def _fail(self, why: str) -> None:
+        """End the mission where the robot is."""
+        self._state, self._waits, self._why_waits = MissionState.FAILED, False, ""
+        self._note = line(why)
+        self.log(line(f"mission {self._mission} failed, {self._note}"), WARNING)
+        self.publish(self._next(self._mission, self._route, ()))
+        self._say_status(self._to_go)
+
+    def _leads_elsewhere(self, plan: Plan, here: Pose) -> bool:
+        """Whether a way leaves the one that is driven, and not by a little."""
+        left = [(w.x, w.y) for w in self._route.waypoints[self._route.leg :]]
+        return any(_off(w.x, w.y, [(here.x, here.y), *left]) > ELSEWHERE_M for w in plan.waypoints)
+
+    def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
+        """Why waypoints are refused: no planner has checked them against a map."""
+        x, y = pose.x, pose.y
+        for to in waypoints:
+            if hypot(to.x - x, to.y - y) > self.p.reach_m:
+                return (
+                    f"({to.x:g}, {to.y:g}) is {hypot(to.x - x, to.y - y):.0f} m from the place"
+                    f" before, at most {self.p.reach_m:g} m are driven without a plan"
+                )
+            x, y = to.x, to.y
+        return ""
+
+    def _planned(self, plan: Plan | None) -> MissionReply:
+        if plan is None:
+            return self._refuse("nobody plans: no path planning agent answered path/plan")
+        if plan.refusal:
+            return self._refuse(plan.refusal)
+        return self._begin(plan.waypoints, plan.length, planned=True)
+
+    def _begin(
+        self, waypoints: tuple[Waypoint, ...], length: float, *, planned: bool
+    ) -> MissionReply:
+        """Take it on, if it can be published: else no agent would drive it."""
+        pose = self.latest(Pose)
+        assert pose is not None, "a mission begins somewhere"
+        if not waypoints:
+            return self._refuse("the plan leads nowhere: it has no points")
+        if len(waypoints) > WAYPOINTS:
+            return self._refuse(
+                f"it has {len(waypoints):,} points, at most {WAYPOINTS:,} are driven"
+            )
+        mission = self.rng.getrandbits(63)
+        route = Route(waypoints, Point(pose.x, pose.y))
+        to_go = route.to_go(pose.x, pose.y)
+        begun = replace(self._next(mission, route, waypoints), planned=planned, waits=False)
+        reply = MissionReply(mission, "", waypoints, length or to_go)
+        try:
+            for said in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
+                encode(said)
+        except MessageError as error:
+            return self._refuse(f"nobody could be told of it: {error}")
+        self._take_on(mission, route, pose, planned=planned)
+        self.publish(begun)
+        return reply
+
+    def _take_on(self, mission: int, route: Route, pose: Pose, *, planned: bool) -> None:
+        """Drive that from now on."""
+        self._mission, self._route = mission, route
+        self._to_go = route.to_go(pose.x, pose.y)
+        self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
+        self._waits, self._why_waits, self._note, self._refused = False, "", "", ""
+        self._asking, self._contacts = False, []
+        self._best, self._longest, self._ask_at = inf, 0.0, -inf
+        self._count_anew()
+
+    def _refuse(self, why: str) -> MissionReply:
+        if self._state is MissionState.PLANNING:
+            self._state = MissionState.NONE
+        told = line(f"mission refused: {why}")
+        if self._state is MissionState.NONE:
+            self._note = told
+        if self._state is not MissionState.DRIVING:
+            self._refused = line(why)
+            self._say_status(self._to_go)
+        self.log(told, WARNING)
+        return MissionReply(0, line(why))
+
+    def _arrived(self, pose: Pose) -> bool:
+        goal = self._route.goal
+        state = self.latest(RobotState)
+        if goal is None or state is None or not self._route.last_leg or pose.deviation > LOST_M:
+            return False
+        return (
+            hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m
+            and abs(wrap(goal.theta - pose.theta)) <= self.p.turned_rad
+            and self._is_slow(state)
+        )
+
+    def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
+        """The trajectory that begins a mission, changes its way, or ends it."""
+        known = self.memory.newest(Trajectory)
+        counter = 1 if known is None else next_count(known.counter)
+        planned, waits = (self._plans, self._waits) if waypoints else (False, False)
+        return Trajectory(counter, mission, waypoints, route.start, route.leg, planned, waits)
+
+    def _say_status(self, to_go: float) -> None:
+        leg = self._route.leg if self._route.waypoints else 0
+        self.publish(
+            MissionStatus(self._mission, self._state, to_go, leg, self._note, self._refused)
+        )
+
+
+def _off(x: float, y: float, places: Sequence[tuple[float, float]]) -> float:
+    """How far a point is from a way over some places, m."""
+    least = inf
+    for (ax, ay), (bx, by) in pairwise(places):
+        dx, dy = bx - ax, by - ay
+        square = dx * dx + dy * dy
+        share = ((x - ax) * dx + (y - ay) * dy) / square if square else 0.0
+        share = min(max(share, 0.0), 1.0)
+        least = min(least, hypot(x - ax - share * dx, y - ay - share * dy))
+    return least

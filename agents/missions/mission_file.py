@@ -1,0 +1,505 @@
+"""Missions: procedures in the manner of PRS, as TOML that people write (thesis 3.6.1).
+
+A mission is a list of steps. What a step does is a task (`armadico.tasks`) or another procedure of
+the file; what else it may say is in `HEAD`. A mission is read with the places of a world, and what
+is wrong with it is said with file and line before anything moves: names that nobody has, procedures
+that call themselves, places that cannot be got to.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+from msgspec import Meta, Struct, field
+from msgspec.structs import replace
+
+from armadico.agents.missions.messages import Told
+from armadico.agents.missions.task import Task
+from armadico.config.discovery import TASKS, UnknownNameError, installed, unknown
+from armadico.config.discovery import load as load_installed
+from armadico.config.errors import ConfigError, advice
+from armadico.config.lines import line_of
+from armadico.config.loading import convert, document, read_text
+from armadico.config.shipped import counted_from, find
+
+if TYPE_CHECKING:
+    from armadico.config.places import Places
+
+Share = Annotated[float, Meta(ge=0, le=1)]
+Seconds = Annotated[float, Meta(gt=0, le=1e6)]
+Value = str | float | bool | tuple[float, ...]
+Arguments = tuple[tuple[str, Value], ...]
+"""What a step is told, by name, in the order of the file."""
+
+Key = tuple[str | int, ...]
+"""Where a value is in a mission's file."""
+
+LONGEST: Final = 16_000
+"""Characters of a mission's text: it travels in messages."""
+
+STEPS_MOST: Final = 1000
+"""Steps that are looked at, those of each call of a procedure anew."""
+
+TOLD_MOST, TOLD_CHARACTERS = 16, 256
+"""What a step is told: so many values, so many characters together, for the board has them all."""
+
+LARGEST_WHOLE: Final = 2**53
+"""Beyond it a float is no certain whole number."""
+
+DEEPEST: Final = 8
+"""Procedures within procedures."""
+
+NAME: Final = re.compile(r"[\w-]{1,64}\Z")
+
+HEAD: Final = ("do", "when", "else", "timeout_s", "repeat")
+"""The keys that every step may have; the others are its task's, or its procedure's."""
+
+
+class When(Struct, frozen=True, forbid_unknown_fields=True):
+    """What has to be believed, all of it: a precondition."""
+
+    battery_above: Share | None = None  # share of a full battery; not known is neither
+    battery_below: Share | None = None
+    alarm: str | None = None  # in this room one is on
+    no_alarm: str | None = None  # and here none
+    room: str | None = None  # where the robot is,
+    not_room: str | None = None  # or is not
+    after_s: Seconds | None = None  # since the mission began, while it was at work
+    before_s: Seconds | None = None
+
+
+class Step(Struct, frozen=True):
+    """One step: what it does, told what, and what if not."""
+
+    do: str
+    arguments: Arguments = ()
+    when: When | None = None
+    """Not believed: its alternatives instead; without one it is passed over."""
+    otherwise: tuple[Step, ...] = ()
+    """`else`: if it fails they are tried, one after another, until one succeeds."""
+    timeout_s: float | None = None
+    repeat: int = 1
+
+    def __str__(self) -> str:
+        """As the thesis writes it: move(R1)."""
+        told = ", ".join(str(value) for _, value in self.arguments)
+        return f"{self.do}({told})" if told else self.do
+
+
+class Procedure(Struct, frozen=True):
+    """Steps that are done one after another."""
+
+    name: str
+    steps: tuple[Step, ...]
+    goal: str = ""
+    takes: tuple[str, ...] = ()
+    """What it is told by those who call it; its steps say `$name` for it."""
+    when: When | None = None
+    """Not believed: it does not apply, and the step that calls it fails."""
+
+
+class Mission(Struct, frozen=True):
+    """A mission as it was read; its own steps are those of the procedure called ""."""
+
+    name: str
+    title: str
+    priority: float
+    procedures: dict[str, Procedure]
+    scenario: str | None = None
+    """Where it is driven unless that is said."""
+    timeout_s: float | None = None
+    on_alarm: str = ""
+    """The task or procedure that is done in a room with an alarm; none: alarms are let be."""
+    energy: str = "charge"
+    """What is done before a way that the battery will not do for: charge, risk or fail."""
+    text: str = ""
+
+
+class _Head(Struct, frozen=True, forbid_unknown_fields=True):
+    do: str
+    when: When | None = None
+    otherwise: list[dict[str, Any]] = field(default_factory=list, name="else")
+    timeout_s: Seconds | None = None
+    repeat: Annotated[int, Meta(ge=1, le=1_000_000)] = 1
+
+
+Steps = Annotated[list[dict[str, Any]], Meta(min_length=1)]
+
+
+class _Procedure(Struct, frozen=True, forbid_unknown_fields=True):
+    steps: Steps
+    goal: str = ""
+    takes: tuple[str, ...] = ()
+    when: When | None = None
+
+
+class _File(Struct, frozen=True, forbid_unknown_fields=True):
+    steps: Steps
+    title: str = ""
+    scenario: str | None = None
+    priority: Share = 0.5
+    timeout_s: Seconds | None = None
+    on_alarm: str = ""
+    energy: Literal["charge", "risk", "fail"] = "charge"
+    procedures: dict[str, _Procedure] = {}
+
+
+def load_mission(
+    name_or_path: str | Path,
+    places: Places | None = None,
+    start: tuple[float, float] | None = None,
+) -> Mission:
+    """A shipped mission by its name, or a TOML file. Raises ConfigError with file and line.
+
+    A scenario that is a file counts from the mission's folder.
+
+    Args:
+        name_or_path: Which.
+        places: Those of the world that it is for; None: its places are not looked up.
+        start: From where they must be got to, m; None: that is not looked at.
+    """
+    path = find("missions", name_or_path)
+    text = read_text(path)
+    mission = read_mission(text, path.stem, places, start, path)
+    if mission.scenario is None:
+        return mission
+    scenario = counted_from(path, mission.scenario)
+    try:
+        find("scenarios", scenario)
+    except ConfigError as error:
+        raise ConfigError(error.message, path, line_of(text, ("scenario",))) from None
+    return replace(mission, scenario=scenario)
+
+
+def read_mission(
+    text: str,
+    name: str,
+    places: Places | None = None,
+    start: tuple[float, float] | None = None,
+    file: Path | str | None = None,
+) -> Mission:
+    """The mission in a text; see `load_mission`."""
+    try:
+        return _Reader(text, file or name, name).read(places, start)
+    except RecursionError:  # it comes from anybody, and is to end nobody
+        raise ConfigError("lists and tables too deep within each other", file or name) from None
+
+
+@cache
+def task_class(name: str) -> type[Task]:
+    """The class of a task that is installed. Raises UnknownNameError, or ImportError."""
+    return load_installed(TASKS, name, Task)
+
+
+def arguments_of(step: Step) -> Any:
+    """What a task is told, as it wants it. Raises ConfigError."""
+    return convert(_as_written(step), task_class(step.do).Arguments, step.do, "")
+
+
+def _as_written(step: Step) -> dict[str, Value]:
+    """What a step is told, whole numbers as such: messages have them as floats, as all others."""
+    return {name: _whole(value) for name, value in step.arguments}
+
+
+def _whole(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_whole, value))
+    exact = isinstance(value, float) and value.is_integer() and abs(value) <= LARGEST_WHOLE
+    return int(value) if exact else value
+
+
+def bound(step: Step, to: Mapping[str, Value]) -> Step:
+    """The step with each `$name` replaced by what its procedure was told."""
+    if not to:
+        return step
+    told = tuple((key, _bound(value, to)) for key, value in step.arguments)
+    return Step(
+        step.do,
+        told,
+        None if step.when is None else bound_when(step.when, to),
+        tuple(bound(other, to) for other in step.otherwise),
+        step.timeout_s,
+        step.repeat,
+    )
+
+
+def bound_when(when: When, to: Mapping[str, Value]) -> When:
+    """The same of a precondition."""
+    return When(*(_bound(getattr(when, key), to) for key in when.__struct_fields__))
+
+
+def _bound(value: Any, to: Mapping[str, Value]) -> Any:
+    return to.get(value[1:], value) if isinstance(value, str) and value[:1] == "$" else value
+
+
+class _Reader:
+    """Reads one mission, and says where it is wrong."""
+
+    def __init__(self, text: str, file: Path | str, name: str) -> None:
+        self._text, self._file, self._name = text, file, name
+        if len(text) > LONGEST:
+            raise ConfigError(f"{len(text):,} characters, at most {LONGEST:,} are sent", file)
+        self._given = convert(document(text, file), _File, file, text)
+        self._tasks = installed(TASKS)
+        self._known = sorted({*self._tasks, *self._given.procedures})
+        self._looked_at: set[tuple[str, Arguments]] = set()
+
+    def read(self, places: Places | None, start: tuple[float, float] | None) -> Mission:
+        """All of it. Raises ConfigError."""
+        given, name = self._given, self._name
+        if not NAME.match(name):
+            raise ConfigError(
+                f"a mission's name is of letters, digits, - and _, not {name!r}", self._file
+            )
+        self._check_names()
+        bodies = {"": _Procedure(given.steps), **given.procedures}
+        procedures = {
+            key: Procedure(
+                key, self._steps(body.steps, self._at(key)), body.goal, body.takes, body.when
+            )
+            for key, body in bodies.items()
+        }
+        self._check_circles(procedures)
+        mission = Mission(
+            name,
+            given.title or name,
+            given.priority,
+            procedures,
+            given.scenario,
+            given.timeout_s,
+            given.on_alarm,
+            given.energy,
+            self._text,
+        )
+        self._check_on_alarm(mission, places)
+        uncalled = [key for key, body in procedures.items() if not body.takes]
+        for key in uncalled:
+            self._look(mission, key, (), places, start, 0)
+        return mission
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _wrong(self, key: Key, message: str) -> ConfigError:
+        return ConfigError(message, self._file, line_of(self._text, key))
+
+    @staticmethod
+    def _at(procedure: str) -> Key:
+        return ("procedures", procedure) if procedure else ()
+
+    def _check_names(self) -> None:
+        for name, body in self._given.procedures.items():
+            key = self._at(name)
+            if not NAME.match(name):
+                raise self._wrong(
+                    key, f"a procedure's name is of letters, digits, - and _, not {name!r}"
+                )
+            if name in self._tasks:
+                raise self._wrong(
+                    key, f"procedure {name!r}: a task is called so; expected another name"
+                )
+            for each in body.takes:
+                if each in HEAD or not NAME.match(each):
+                    raise self._wrong((*key, "takes"), f"takes {each!r}: that means something else")
+
+    def _steps(self, given: Sequence[Mapping[str, Any]], at: Key) -> tuple[Step, ...]:
+        return tuple(self._step(step, (*at, "steps", n)) for n, step in enumerate(given))
+
+    def _step(self, given: Mapping[str, Any], at: Key, *, within: bool = True) -> Step:
+        head = {key: value for key, value in given.items() if key in HEAD}
+        if "do" not in head:
+            known = advice(next(iter(given), ""), HEAD)
+            raise self._wrong(at, f"a step says what it does, do = ...; {known}")
+        read = convert(head, _Head, self._file, self._text, at)
+        if read.do not in self._known:
+            what = "task or procedure"
+            raise self._wrong((*at, "do"), unknown(what, read.do, self._known))
+        if read.otherwise and not within:
+            raise self._wrong((*at, "else"), "else within else: name a procedure that has it")
+        others = enumerate(read.otherwise)
+        arguments = tuple(
+            self._argument(key, value, at) for key, value in given.items() if key not in HEAD
+        )
+        return Step(
+            read.do,
+            arguments,
+            read.when,
+            tuple(self._step(step, (*at, "else", n), within=False) for n, step in others),
+            read.timeout_s,
+            read.repeat,
+        )
+
+    def _argument(self, key: str, value: Any, at: Key) -> tuple[str, Value]:
+        if isinstance(value, bool | str):
+            return key, value
+        try:
+            if isinstance(value, list) and all(isinstance(n, int | float) for n in value):
+                return key, tuple(map(float, value))
+            if isinstance(value, int | float):
+                return key, float(value)
+        except OverflowError:
+            raise self._wrong((*at, key), f"{key}: no number is so large") from None
+        raise self._wrong((*at, key), f"{key}: expected a string, a number or a list of numbers")
+
+    def _check_circles(self, procedures: Mapping[str, Procedure]) -> None:
+        """Raises ConfigError for procedures that call themselves, or too many others in a row."""
+
+        def follow(name: str, chain: tuple[str, ...]) -> None:
+            for key, step in _every(procedures[name].steps, (*self._at(name), "steps")):
+                if step.do not in procedures:
+                    continue
+                calls = (*chain, step.do)
+                if step.do in chain:
+                    circle = " -> ".join(calls[chain.index(step.do) :])
+                    raise self._wrong((*key, "do"), f"procedure {step.do!r} calls itself: {circle}")
+                if len(calls) > DEEPEST:
+                    whole = " -> ".join(calls)
+                    raise self._wrong((*key, "do"), f"{whole}: at most {DEEPEST} within each other")
+                if step.do not in done:
+                    follow(step.do, calls)
+            done.add(name)
+
+        done: set[str] = set()
+        for name in procedures:
+            follow(name, (name,) if name else ())
+
+    def _check_on_alarm(self, mission: Mission, places: Places | None) -> None:
+        """Raises ConfigError if what is done at an alarm is nothing, or is told no room."""
+        do, key = mission.on_alarm, ("on_alarm",)
+        if not do:
+            return
+        if do not in self._known:
+            raise self._wrong(key, unknown("task or procedure", do, self._known))
+        procedure = mission.procedures.get(do)
+        takes = task_class(do).Arguments.__struct_fields__ if procedure is None else procedure.takes
+        if "room" not in takes:
+            raise self._wrong(key, f"{do} takes no room: it could not be told where the alarm is")
+        if places is not None and not places.rooms:
+            raise self._wrong(key, f"the world {places.world.name!r} has no rooms for an alarm")
+        # It is called as a step would, with whichever room has the alarm: one stands for all.
+        call = Step(do, (("room", _roomy(places)),))
+        if procedure is None:
+            self._look_task(call, key, places, None)
+        else:
+            self._look_call(procedure, call, key)
+            self._look(mission, do, call.arguments, places, None, 0)
+
+    def _look(
+        self,
+        mission: Mission,
+        name: str,
+        told: Arguments,
+        places: Places | None,
+        start: tuple[float, float] | None,
+        depth: int,
+    ) -> None:
+        """Look through what a procedure does when it is told so."""
+        if (name, told) in self._looked_at:
+            return
+        self._looked_at.add((name, told))
+        if len(self._looked_at) > STEPS_MOST:
+            raise ConfigError(f"more than {STEPS_MOST} different calls of procedures", self._file)
+        procedure, to = mission.procedures[name], dict(told)
+        if procedure.when is not None:
+            self._look_when(bound_when(procedure.when, to), (*self._at(name), "when"), places)
+        for key, step in _every(procedure.steps, (*self._at(name), "steps")):
+            plain = bound(step, to)
+            self._look_left(plain, key)
+            if plain.when is not None:
+                self._look_when(plain.when, (*key, "when"), places)
+            if plain.do in mission.procedures:
+                self._look_call(mission.procedures[plain.do], plain, key)
+                self._look(mission, plain.do, plain.arguments, places, start, depth + 1)
+            else:
+                self._look_task(plain, key, places, start)
+
+    def _look_left(self, step: Step, key: Key) -> None:
+        told = [Told.of(name, value) for name, value in step.arguments]
+        much = len(told) > TOLD_MOST or sum(len(each.json) for each in told) > TOLD_CHARACTERS
+        if much:
+            most = f"at most {TOLD_MOST} values, {TOLD_CHARACTERS} characters together"
+            raise self._wrong(key, f"{step.do!r} is told too much: {most}")
+        for name, value in step.arguments:
+            if isinstance(value, str) and value[:1] == "$":
+                raise self._wrong(
+                    (*key, name), f"{name} = {value!r}: the procedure takes no {value[1:]!r}"
+                )
+
+    def _look_call(self, procedure: Procedure, step: Step, key: Key) -> None:
+        told = [name for name, _ in step.arguments]
+        for name in told:
+            if name not in procedure.takes:
+                known = advice(name, (*procedure.takes, *HEAD))
+                raise self._wrong((*key, name), f"unknown key {name} of {step.do!r}; {known}")
+        for name in procedure.takes:
+            if name not in told:
+                raise self._wrong(key, f"{step.do!r} is not told its {name}: {name} = ...")
+
+    def _look_task(
+        self, step: Step, key: Key, places: Places | None, start: tuple[float, float] | None
+    ) -> None:
+        try:
+            kind = task_class(step.do)
+        except (UnknownNameError, ImportError) as error:
+            raise self._wrong((*key, "do"), str(error)) from None
+        names = kind.Arguments.__struct_fields__
+        for name, _ in step.arguments:
+            if name not in names:
+                known = advice(name, (*names, *HEAD))
+                raise self._wrong((*key, name), f"unknown key {name} of {step.do!r}; {known}")
+        told = convert(_as_written(step), kind.Arguments, self._file, self._text, key)
+        given = dict(step.arguments)
+        named = [
+            name
+            for name in (kind.places if places is not None else ())
+            if isinstance(place := getattr(told, name), str) and (place or name in given)
+        ]
+        for name in named:
+            assert places is not None, "else nothing is looked up"
+            place = getattr(told, name)
+            try:
+                places.of(place)
+            except ConfigError as error:
+                raise self._wrong((*key, name), error.message) from None
+            if start is not None and [*places.unreachable(start, [place])]:
+                where = f"({start[0]:g}, {start[1]:g})"
+                raise self._wrong(
+                    (*key, name),
+                    f"{place!r} cannot be reached from {where}: no way in"
+                    f" {places.world.name!r} is as wide as the robot",
+                )
+
+    def _look_when(self, when: When, key: Key, places: Places | None) -> None:
+        if not any(getattr(when, name) is not None for name in when.__struct_fields__):
+            raise self._wrong(key, f"when says nothing; {advice('', when.__struct_fields__)}")
+        for name in ("alarm", "no_alarm", "room", "not_room"):
+            room = getattr(when, name)  # what a `$name` stands for may be anything
+            if room is not None and not isinstance(room, str):
+                raise self._wrong((*key, name), f"{name} = {room!r}: expected a room's name")
+            if room is not None and places is not None and room not in places.rooms:
+                known = advice(room, places.rooms)
+                raise self._wrong(
+                    (*key, name), f"no room {room!r} in {places.world.name!r}; {known}"
+                )
+
+
+def _roomy(places: Places | None) -> str:
+    """A room of the world in which the robot can turn; without a world, a name."""
+    if places is not None:
+        for room in places.rooms:
+            with suppress(ConfigError):
+                places.of(room)
+                return room
+    return "room"
+
+
+def _every(steps: Sequence[Step], at: Key) -> Iterator[tuple[Key, Step]]:
+    """Steps and their alternatives, and where each is."""
+    for n, step in enumerate(steps):
+        yield (*at, n), step
+        for k, other in enumerate(step.otherwise):
+            yield (*at, n, "else", k), other

@@ -1,0 +1,429 @@
+"""How a mission goes on: its procedures, step by step (thesis 3.6.1; PRS). Sans-IO, and pure.
+
+All that is known of how far a mission has come is a `Course`, a message: whoever has it and the
+mission's text goes on as if nobody had stopped. A stack of frames, one for each procedure that is
+under way, says which step of it is done, which of its alternatives and repetitions, and for how
+long. A detour is a frame whose steps somebody planned; if it fails the mission goes on without.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from msgspec.structs import replace
+
+from armadico.agents.missions.messages import Course, Frame, PlanStep, StepEnd, StepResult, Told
+from armadico.agents.missions.mission_file import (
+    Mission,
+    Procedure,
+    Step,
+    Value,
+    When,
+    arguments_of,
+    bound,
+    bound_when,
+    task_class,
+)
+from armadico.agents.missions.task import (
+    Beliefs,
+    Failed,
+    Going,
+    Progress,
+    Reach,
+    Request,
+    Stand,
+    misfit,
+)
+from armadico.config.errors import ConfigError
+from armadico.core.messages import LARGEST, LARGEST_COUNT, Message, line, next_count
+
+LOOKS_MOST: Final = 200
+"""Steps that end at once, in one look: a mission that repeats nothing for ever holds nobody up."""
+
+FRAMES_MOST: Final = 32
+RESULTS_MOST: Final = 100
+AHEAD_MOST: Final = 64
+
+SAID_MOST: Final = 200
+"""Characters of what a step says that are kept."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """A mission after a look at it.
+
+    Attributes:
+        course: How far it has come.
+        request: What its task wants now; None: it has ended.
+        events: To be published.
+        failed: Why it failed; None: it goes on, or is done.
+    """
+
+    course: Course
+    request: Request | None = None
+    events: tuple[Message, ...] = ()
+    failed: str | None = None
+
+
+def advance(
+    mission: Mission,
+    course: Course,
+    beliefs: Beliefs,
+    seconds: float,
+    state: Reach = Reach.NONE,
+    note: str = "",
+) -> Outlook:
+    """Look at a mission that has been at work for so many more seconds.
+
+    Args:
+        mission: Its procedures.
+        course: How far it had come.
+        beliefs: What is believed now.
+        seconds: That it has been at work since, s.
+        state: How far what its task wants has come.
+        note: Why that failed.
+    """
+    return _Look(mission, course, beliefs).go_on(seconds, state, note)
+
+
+def doing(mission: Mission, course: Course) -> Step | None:
+    """The task that is under way; None: none has begun."""
+    frame = course.frames[-1]
+    step = _step(mission, frame)
+    return step if step is not None and frame.begun and step.do not in mission.procedures else None
+
+
+def failing(mission: Mission, course: Course, beliefs: Beliefs, state: Reach, note: str) -> str:
+    """Why the task that is under way fails at this look; "" if it does not.
+
+    A step of a detour that fails is left out, and is not reported.
+    """
+    step = doing(mission, course)
+    if step is None or course.frames[-1].detour:
+        return ""
+    look = _Look(mission, replace(course, results=()), beliefs)
+    look.look_at_task(step, state, note)
+    found = look.results
+    return found[0].said or "failed" if found and found[0].end is StepEnd.FAILED else ""
+
+
+def again(course: Course) -> Course:
+    """The course with the step that is under way to be begun anew."""
+    return _with_top(course, replace(course.frames[-1], begun=False, elapsed=0.0, stage=0))
+
+
+def ahead(mission: Mission, course: Course) -> tuple[PlanStep, ...]:
+    """The tasks to come, the first ones, as if nothing failed; that under way is not among them."""
+    found = (*course.detour, *_to_come(mission, course))
+    return found[:AHEAD_MOST]
+
+
+def broken_off(mission: Mission, course: Course) -> Course:
+    """The course with the task that is under way to be begun anew, if it may be broken off."""
+    step = doing(mission, course)
+    try:
+        if step is None or not task_class(step.do).breaks_off:
+            return course
+    except (LookupError, ImportError):  # of somebody's plan: it fails when it is looked at
+        return course
+    return again(course)
+
+
+def merged(mission: Mission, course: Course, detour: tuple[PlanStep, ...]) -> Course:
+    """The course with a detour before its next step (the merging procedure of thesis 3.6.1).
+
+    Where the detour ends in the place to which the mission is to move next, that move is left out.
+    """
+    end, frame = (_place(detour[-1]) if detour else None), course.frames[-1]
+    after = _steps(mission, frame)[frame.step + frame.begun :]
+    step = bound(after[0], _values(frame.told)) if after else None
+    plain = step is not None and step.when is None and not step.otherwise and step.repeat == 1
+    drops = 1 if plain and step is not None and _place(plan_step(step)) == end is not None else 0
+    return replace(course, detour=(*course.detour, *detour)[:AHEAD_MOST], drops=drops)
+
+
+def plan_step(step: Step) -> PlanStep:
+    """A task as it travels."""
+    return PlanStep(step.do, _told(step))
+
+
+# Inside -------------------------------------------------------------------------------------------
+
+
+class _Look:
+    """One look at a mission."""
+
+    def __init__(self, mission: Mission, course: Course, beliefs: Beliefs) -> None:
+        self._mission, self._course, self._beliefs = mission, course, beliefs
+        self._events: list[Message] = []
+        self._failed: str | None = None
+
+    def go_on(self, seconds: float, state: Reach, note: str) -> Outlook:
+        """From step to step until one wants something, or all is over."""
+        self._pass(seconds)
+        self._look_for_timeouts()
+        for _ in range(LOOKS_MOST):
+            if not self._course.frames:
+                return Outlook(self._course, None, tuple(self._events), self._failed)
+            request = self._once(state, note)
+            if request is not None:
+                return Outlook(self._course, request, tuple(self._events))
+            state, note = Reach.NONE, ""
+        return Outlook(self._course, Stand(), tuple(self._events))
+
+    @property
+    def results(self) -> tuple[StepResult, ...]:
+        return self._course.results
+
+    @property
+    def _frame(self) -> Frame:
+        return self._course.frames[-1]
+
+    def _set(self, **changes: Any) -> None:
+        self._course = _with_top(self._course, replace(self._frame, **changes))
+
+    def _pass(self, seconds: float) -> None:
+        """Time that it was at work counts for the mission, and for each step that is under way."""
+        frames = tuple(
+            replace(f, elapsed=min(f.elapsed + seconds, LARGEST)) if f.begun else f
+            for f in self._course.frames
+        )
+        elapsed = min(self._course.elapsed + seconds, LARGEST)
+        self._course = replace(self._course, frames=frames, elapsed=elapsed)
+
+    def _look_for_timeouts(self) -> None:
+        limit = self._mission.timeout_s
+        if limit is not None and self._course.elapsed > limit:
+            self._end(f"not done within {limit:g} s")
+            return
+        for depth, frame in enumerate(self._course.frames):
+            step = _step(self._mission, frame)
+            over = step is not None and step.timeout_s is not None
+            if over and step is not None and frame.elapsed > (step.timeout_s or 0.0):
+                self._course = replace(self._course, frames=self._course.frames[: depth + 1])
+                self._step_failed(f"not done within {step.timeout_s:g} s")
+                return
+
+    def _once(self, state: Reach, note: str) -> Request | None:
+        """One step further; what is wanted, if something is."""
+        frame, course = self._frame, self._course
+        if course.detour and not frame.begun:
+            self._begin_detour()
+            return None
+        step = _step(self._mission, frame)
+        if step is None:
+            self._frame_done()
+            return None
+        if not frame.begun:
+            self._begin(step)
+            return None
+        return self.look_at_task(step, state, note)
+
+    def _begin_detour(self) -> None:
+        detour, drops = self._course.detour, self._course.drops
+        self._set(step=min(self._frame.step + drops, LARGEST_COUNT), attempt=0, turn=0)
+        self._course = replace(self._course, detour=(), drops=0)
+        if len(self._course.frames) < FRAMES_MOST:
+            self._push(Frame(detour=detour))
+
+    def _push(self, frame: Frame) -> None:
+        self._course = replace(self._course, frames=(*self._course.frames, frame))
+
+    def _begin(self, step: Step) -> None:
+        """Begin a step whose precondition is believed."""
+        if step.when is not None and not self._believed(step.when):
+            self._not_wanted(step)
+            return
+        procedure = self._mission.procedures.get(step.do)
+        self._set(begun=True, elapsed=0.0, stage=0)
+        if procedure is None:
+            self._course = replace(self._course, tasks=next_count(self._course.tasks))
+            return
+        told = _told(step)
+        if procedure.when is not None and not self._believed(
+            bound_when(procedure.when, _values(told))
+        ):
+            self._step_failed("it does not apply: its precondition is not believed")
+        elif len(self._course.frames) >= FRAMES_MOST:
+            self._step_failed(f"more than {FRAMES_MOST} procedures within each other")
+        else:
+            self._push(Frame(procedure.name, told=told))
+
+    def _not_wanted(self, step: Step) -> None:
+        """The precondition of a step, or of an alternative, is not believed."""
+        frame = self._frame
+        own = _whole(self._mission, frame)
+        assert own is not None, "a step that begins is there"
+        if frame.attempt < len(own.otherwise):
+            self._set(attempt=frame.attempt + 1)
+        elif frame.attempt:
+            self._step_failed("none of its alternatives applies")
+        else:
+            self._record(step, StepEnd.PASSED)
+            self._next()
+
+    def look_at_task(self, step: Step, state: Reach, note: str) -> Request | None:
+        """Look at the task that is under way: what it wants, if it goes on."""
+        frame = self._frame
+        progress = Progress(frame.elapsed, state, note, frame.stage)
+        try:
+            verdict = task_class(step.do)(arguments_of(step)).look(self._beliefs, progress)
+            if wrong := misfit(verdict):
+                verdict = Failed(f"task {step.do!r}: look gave {verdict!r}: {wrong}")
+        except ConfigError as error:
+            verdict = Failed(error.message)
+        except (Exception, SystemExit) as error:  # anybody's code, which is to end no agent
+            verdict = Failed(_blame(step, error))
+        if isinstance(verdict, Going):
+            if verdict.stage != frame.stage:
+                self._set(stage=verdict.stage)
+                self._course = replace(self._course, tasks=next_count(self._course.tasks))
+            return verdict.request
+        if isinstance(verdict, Failed):
+            self._step_failed(verdict.why)
+        else:
+            if verdict.event is not None:
+                self._events.append(verdict.event)
+            self._record(step, StepEnd.DONE, verdict.said)
+            self._step_done()
+        return None
+
+    def _step_done(self) -> None:
+        """Again, if it is to be repeated, or the next one."""
+        frame = self._frame
+        own = _whole(self._mission, frame)
+        if own is not None and frame.turn + 1 < own.repeat:
+            self._set(turn=frame.turn + 1, attempt=0, begun=False, elapsed=0.0, stage=0)
+        else:
+            self._next()
+
+    def _next(self) -> None:
+        step = min(self._frame.step + 1, LARGEST_COUNT)  # whatever somebody has put on the board
+        self._set(step=step, attempt=0, turn=0, begun=False, elapsed=0.0, stage=0)
+
+    def _frame_done(self) -> None:
+        """A procedure is through: so is the step that called it; a detour is no step of anybody."""
+        frame, frames = self._frame, self._course.frames[:-1]
+        self._course = replace(self._course, frames=frames)
+        if frames and not frame.detour:
+            self._step_done()
+
+    def _step_failed(self, why: str) -> None:
+        """Its alternatives, one after another; else its procedure fails, and so on upwards."""
+        while True:
+            frame = self._frame
+            step, own = _step(self._mission, frame), _whole(self._mission, frame)
+            if step is not None:
+                self._record(step, StepEnd.FAILED, why)
+            if own is not None and frame.attempt < len(own.otherwise):
+                self._set(attempt=frame.attempt + 1, begun=False, elapsed=0.0, stage=0)
+                return
+            frames = self._course.frames[:-1]
+            if not frames:
+                self._end(f"{step}: {why}" if step is not None else why)
+                return
+            self._course = replace(self._course, frames=frames)
+            if frame.detour:
+                return
+
+    def _end(self, why: str) -> None:
+        self._course, self._failed = replace(self._course, frames=()), line(why)
+
+    def _record(self, step: Step, end: StepEnd, said: str = "") -> None:
+        result = StepResult(
+            line(str(step))[:SAID_MOST], end, line(said)[:SAID_MOST], self._course.elapsed
+        )
+        results = (*self._course.results, result)[-RESULTS_MOST:]
+        self._course = replace(self._course, results=results)
+
+    def _believed(self, when: When) -> bool:
+        left, alarms = self._beliefs.battery, self._beliefs.alarms
+        elapsed = self._course.elapsed
+        held = (
+            when.battery_above is None or (left is not None and left > when.battery_above),
+            when.battery_below is None or (left is not None and left < when.battery_below),
+            when.alarm is None or when.alarm in alarms,
+            when.no_alarm is None or when.no_alarm not in alarms,
+            when.room is None or when.room == self._beliefs.room,
+            when.not_room is None or when.not_room != self._beliefs.room,
+            when.after_s is None or elapsed >= when.after_s,
+            when.before_s is None or elapsed < when.before_s,
+        )
+        return all(held)
+
+
+def _blame(step: Step, error: BaseException) -> str:
+    """What a task's code raised, and where in it."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{at.filename}, line {at.lineno}"
+    return f"task {step.do!r} raised {type(error).__name__}: {error} ({where})"
+
+
+def _with_top(course: Course, frame: Frame) -> Course:
+    return replace(course, frames=(*course.frames[:-1], frame))
+
+
+def _values(told: tuple[Told, ...]) -> Mapping[str, Value]:
+    return {each.name: each.value for each in told}
+
+
+def _told(step: Step) -> tuple[Told, ...]:
+    return tuple(Told.of(name, value) for name, value in step.arguments)
+
+
+def _steps(mission: Mission, frame: Frame) -> tuple[Step, ...]:
+    """The list that a frame is in."""
+    if frame.detour:
+        return tuple(
+            Step(each.do, tuple((t.name, t.value) for t in each.told)) for each in frame.detour
+        )
+    procedure = mission.procedures.get(frame.procedure, Procedure(frame.procedure, ()))
+    return procedure.steps
+
+
+def _whole(mission: Mission, frame: Frame) -> Step | None:
+    """The step that a frame is at, with its alternatives; None: it is through."""
+    steps = _steps(mission, frame)
+    return steps[frame.step] if frame.step < len(steps) else None
+
+
+def _step(mission: Mission, frame: Frame) -> Step | None:
+    """The step, or the alternative, that a frame is at, with what it is told; None: through."""
+    own = _whole(mission, frame)
+    if own is None:
+        return None
+    which = min(frame.attempt, len(own.otherwise))
+    step = own.otherwise[which - 1] if which else own
+    return bound(step, _values(frame.told))
+
+
+def _to_come(mission: Mission, course: Course) -> Iterator[PlanStep]:
+    """The tasks after the one that is under way, from the top of the stack down."""
+    left = [AHEAD_MOST]
+    for depth in range(len(course.frames) - 1, -1, -1):
+        frame = course.frames[depth]
+        top = depth == len(course.frames) - 1
+        first = frame.step + (course.drops if top and course.detour else 0)
+        for step in _steps(mission, frame)[first + frame.begun :]:
+            yield from _tasks(mission, bound(step, _values(frame.told)), left)
+
+
+def _tasks(mission: Mission, step: Step, left: list[int]) -> Iterator[PlanStep]:
+    """The tasks of a step, once each."""
+    if left[0] <= 0:
+        return
+    procedure = mission.procedures.get(step.do)
+    if procedure is None:
+        left[0] -= 1
+        yield plan_step(step)
+        return
+    for each in procedure.steps:
+        yield from _tasks(mission, bound(each, dict(step.arguments)), left)
+
+
+def _place(step: PlanStep) -> Any:
+    """Where a step moves to; None: it does something else."""
+    return _values(step.told).get("to") if step.do == "move" else None

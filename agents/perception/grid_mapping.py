@@ -1,0 +1,226 @@
+"""An occupancy grid from sonars and lasers: log-odds (Moravec and Elfes, 1985).
+
+A laser's ray is a line: what it went through is free, what it met is occupied.
+
+A sonar answers for a cone and says one range. So all cells before the echo are free, the more the
+nearer to the axis; one cell or a few on the arc are occupied, and nobody knows which. Three rules
+keep what that leaves open from spoiling the map:
+
+- An arc's evidence goes to those of its cells that are believed occupied already, if there are any
+  (Konolige's MURIEL, 1997), so that far arcs do not close doors.
+- What is behind a cell that is believed occupied is not cleared: a wall at a glancing angle does
+  not answer, and what is behind it did.
+- No echo may mean that the sound was thrown away, so it clears only what is near, and little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, floor
+from typing import Any, Final
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from armadico.agents.methods.geometry import Posed
+from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, Cells
+from armadico.mobile.geometry import compose, to_world
+from armadico.mobile.messages import Echo, Scan
+from armadico.mobile.scans import bearings_of, ranges_of
+
+BINS: Final = 15
+"""Slices of a cone, in each of which what is believed occupied hides what is behind it."""
+
+GROW_M: Final = 4.0
+"""The grid grows by so much more than it must."""
+
+
+class Settings(Struct, frozen=True):
+    """How much is believed of a ping. Evidence is in log-odds."""
+
+    cell_m: float = 0.05
+    reach_m: float = 1.5  # what is farther is left for a nearer ping: arcs there close doors
+    silent_m: float = 0.8  # so far no echo is evidence of free
+    hit: float = 1.0  # of one cell, at the most
+    spread: float = 2.5  # shared by all cells of the arc
+    miss: float = 0.5  # on the axis, near
+    silence: float = 0.2  # likewise
+    most: float = 4.0  # certain: so much is taken back within seconds of seeing otherwise
+    free: float = 0.85  # from here on: a probability of 0.3
+    occupied: float = 1.2  # from here on: 0.77
+    far: float = 0.3  # share of the evidence that is left at the reach
+    size_m: float = 200.0  # of the grid, at the most, each way
+    seen_m: float = 8.0  # a laser's rays count so far: farther out gaps are wider than cells,
+    unseen_m: float = 3.0  # and one that found nothing this far: it may have met what is dark
+    seen: float = 1.2  # evidence of what a ray met,
+    through: float = 0.4  # and of each cell that it went through
+
+
+class Mapper:
+    """Log-odds over a part of the world that grows with what is seen."""
+
+    def __init__(self, half_cone: float = 0.0, settings: Settings | None = None) -> None:
+        """Half the angle of a sonar's cone, rad; a robot without sonars has none."""
+        self.p = settings or Settings()
+        self._half = half_cone
+        self._row = self._column = 0  # of the corner, in cells from where their lines begin
+        self.full = False  # something was left out, since it would make the map too large
+        self._lines = (0.0, 0.0)  # m; a map that is gone on with may have cells beside our own
+        self._odds: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
+
+    def resume(self, cells: Cells) -> None:
+        """Go on from a map, in its cells; what it knows is known, and may be unlearnt."""
+        self.p = replace(self.p, cell_m=cells.cell_m)
+        self._row = self._column = 0
+        self._lines = cells.x, cells.y
+        odds = np.zeros(cells.states.shape, dtype=np.float32)
+        odds[cells.states == FREE] = -2.0 * self.p.free
+        odds[cells.states == OCCUPIED] = 2.0 * self.p.occupied
+        self._odds = odds
+
+    def take(self, pose: Posed, echo: Echo) -> None:
+        """Take one ping of a robot at a pose in the world."""
+        p = self.p
+        x, y, bearing = compose((pose.x, pose.y, pose.theta), (echo.x, echo.y, echo.bearing))
+        silent = echo.range is None
+        heard = p.silent_m if echo.range is None else echo.range
+        half = self._half
+        span = min(heard + 2.0 * p.cell_m, p.reach_m)
+        angles = bearing + half * np.linspace(-1.0, 1.0, 5)
+        xs = np.append(x + span * np.cos(angles), x)
+        ys = np.append(y + span * np.sin(angles), y)
+        window = self._window(xs.min(), ys.min(), xs.max(), ys.max())
+        if window is None:
+            return
+        odds, dx, dy = window[0], window[1] - x, window[2] - y
+        away = np.hypot(dx, dy)
+        off = np.arctan2(dy, dx) - bearing
+        off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        cone = (np.abs(off) <= half) & (away <= span)
+        fading = 1.0 - (1.0 - p.far) * away / p.reach_m
+        centred = 1.0 - (off / half) ** 2
+        thick = p.cell_m
+        before = cone & (away < heard - thick)
+        solid = before & (odds > p.occupied)
+        if solid.any():
+            slices = np.clip(((off / half + 1.0) * 0.5 * BINS).astype(np.intp), 0, BINS - 1)
+            nearest = np.full(BINS, np.inf)
+            np.minimum.at(nearest, slices[solid], away[solid])
+            before &= away <= nearest[slices] + thick
+        odds[before] -= ((p.silence if silent else p.miss) * fading * centred)[before]
+        arc = cone & (np.abs(away - heard) <= thick)
+        if not silent and arc.any():
+            belief = np.exp(odds[arc]) * np.exp(-4.0 * (off[arc] / half) ** 2)
+            odds[arc] += np.minimum(p.hit, p.spread * belief / belief.sum()) * fading[arc]
+        np.clip(odds, -p.most, p.most, out=odds)
+
+    def stand(self, pose: Posed, corners: Sequence[tuple[float, float]]) -> None:
+        """Where the robot's body is, it is free: a convex outline in the body frame."""
+        at = (pose.x, pose.y, pose.theta)
+        outline = np.array([to_world(at, *corner) for corner in corners])
+        low, high = outline.min(axis=0), outline.max(axis=0)
+        window = self._window(low[0], low[1], high[0], high[1])
+        if window is None:
+            return
+        odds, xs, ys = window
+        inside = np.ones(odds.shape, dtype=np.bool_)
+        for (x1, y1), (x2, y2) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            inside &= (x2 - x1) * (ys - y1) - (y2 - y1) * (xs - x1) >= 0.0
+        odds[inside] = -self.p.most
+
+    def see(self, pose: Posed, scan: Scan) -> None:
+        """Take a laser's scan of a robot at a pose in the world.
+
+        Raises ValueError if its bytes are no ranges.
+        """
+        p, size = self.p, self.p.cell_m
+        ranges, looks = ranges_of(scan), bearings_of(scan) + pose.theta
+        x, y = to_world((pose.x, pose.y, pose.theta), scan.x, scan.y)
+        met = ranges <= p.seen_m  # NaN is not
+        far = np.where(met, ranges, np.where(np.isinf(ranges), p.unseen_m, p.seen_m))
+        tells = ~np.isnan(ranges)
+        looks, far, met = looks[tells], far[tells], met[tells]
+        if not len(far):
+            return
+        ahead, left = np.cos(looks), np.sin(looks)
+        to_x, to_y = x + far * ahead, y + far * left
+        window = self._window(
+            *(min(x, float(to_x.min())) - size, min(y, float(to_y.min())) - size),
+            *(max(x, float(to_x.max())) + size, max(y, float(to_y.max())) + size),
+        )
+        if window is None:
+            return
+        odds, xs, ys = window
+        west, south, across = float(xs[0, 0]), float(ys[0, 0]), odds.shape[1]
+
+        def at(some_x: NDArray[Any], some_y: NDArray[Any]) -> NDArray[np.intp]:
+            column = np.floor((some_x - west) / size + 0.5).astype(np.intp)
+            cell: NDArray[np.intp] = np.floor((some_y - south) / size + 0.5).astype(np.intp)
+            cell *= across
+            cell += column
+            return cell
+
+        steps = np.arange(0.0, far.max(), 0.5 * size)
+        ray, step = np.nonzero(steps < far[:, None] - np.where(met, size, 0.0)[:, None])
+        on_way = steps[step]
+        through = np.zeros(odds.size, dtype=np.bool_)
+        through[at(x + on_way * ahead[ray], y + on_way * left[ray])] = True
+        there = np.zeros(odds.size, dtype=np.bool_)
+        there[at(to_x[met], to_y[met])] = True
+        through &= ~there
+        odds += (p.seen * there - p.through * through).reshape(odds.shape).astype(np.float32)
+        np.clip(odds, -p.most, p.most, out=odds)
+
+    def cells(self) -> Cells:
+        """What is known, cropped to it."""
+        odds, p = self._odds, self.p
+        states = np.where(odds >= p.occupied, OCCUPIED, np.where(odds <= -p.free, FREE, 0))
+        rows, columns = (np.flatnonzero(states.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return NOTHING
+        top, left = int(rows[0]), int(columns[0])
+        part = states[top : rows[-1] + 1, left : columns[-1] + 1].astype(np.uint8)
+        x, y = self._lines
+        corner = x + (self._column + left) * p.cell_m, y + (self._row + top) * p.cell_m
+        return Cells(*corner, p.cell_m, part)
+
+    def _window(
+        self, x1: float, y1: float, x2: float, y2: float
+    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any]] | None:
+        """The cells of a rectangle, and their middles; None if they would be too many."""
+        size, (x, y) = self.p.cell_m, self._lines
+        left, low = floor((x1 - x) / size), floor((y1 - y) / size)
+        right, high = ceil((x2 - x) / size), ceil((y2 - y) / size)
+        if not self._cover(low, left, high, right):
+            return None
+        rows = slice(low - self._row, high - self._row)
+        columns = slice(left - self._column, right - self._column)
+        xs = x + (np.arange(left, right) + 0.5) * size
+        ys = y + (np.arange(low, high) + 0.5) * size
+        return self._odds[rows, columns], xs[None, :], ys[:, None]
+
+    def _cover(self, low: int, left: int, high: int, right: int) -> bool:
+        """Grow until a rectangle of cells is within; whether it is."""
+        rows, columns = self._odds.shape
+        if not rows:
+            self._row, self._column = low, left
+        grow = (
+            max(self._row - low, 0),
+            max(high - self._row - rows, 0),
+            max(self._column - left, 0),
+            max(right - self._column - columns, 0),
+        )
+        if not any(grow):
+            return True
+        more = ceil(GROW_M / self.p.cell_m)
+        below, above, before, after = (n + more if n else 0 for n in grow)
+        most = self.p.size_m / self.p.cell_m
+        if rows + below + above > most or columns + before + after > most:
+            self.full = True
+            return False
+        self._odds = np.pad(self._odds, ((below, above), (before, after)))
+        self._row -= below
+        self._column -= before
+        return True

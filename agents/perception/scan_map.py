@@ -1,0 +1,175 @@
+"""A laser's local map: what it sees now, and what it saw where it sees nothing now (thesis 3.4.2).
+
+A ray is narrow and sure: what it meets is there, and what it went through is not. So of each scan
+the map holds the nearest point of each sector and the edges, some hundred of a thousand: behaviours
+look at all of them. What is out of sight, behind the robot or hidden by something nearer, is
+remembered where it was seen and moved by the odometry, until a ray goes through its place, or it
+fades: with time, and with the way, as odometry goes wrong. A ray that finds nothing doubts little,
+since what is dark or of glass answers no ray; one without a valid range says nothing.
+
+Everything is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres
+and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.near import NOBODY, Look, Near, Obstacle
+from armadico.agents.methods.settings import ScanSettings
+from armadico.mobile.messages import Scan
+from armadico.mobile.scans import Flags, Floats, bearings_of, beside, ranges_of
+from armadico.mobile.swept_path import Outline
+
+FAR_M = 1e6
+"""In place of infinity, which has no sine: what is not near."""
+
+_SEES = np.array([Look.NONE, Look.SEEN, Look.THROUGH, Look.NOTHING])
+
+
+class _Rays(NamedTuple):
+    """The newest scan, moved with the robot since."""
+
+    x: float
+    y: float
+    first: float  # rad
+    step: float
+    ranges: Floats  # NaN: nothing valid; inf: nothing within reach
+
+
+class ScanMap(Near):
+    """Moves with the robot, takes scans in, and holds what is near.
+
+    A cycle is `move`, then `update`, then the queries.
+    """
+
+    def __init__(
+        self, settings: ScanSettings | None = None, outline: Outline | None = None
+    ) -> None:
+        """An empty map."""
+        self.settings = settings or ScanSettings()
+        super().__init__(self.settings, outline)
+        self._points: Floats = np.empty((0, 3))  # x, y, and how much is believed: seen now is 1
+        self._rays: _Rays | None = None
+        self._heard: tuple[Obstacle, ...] | None = ()
+
+    def move(self, motion: Posed, *, mapped: bool = False) -> None:
+        """Move what is known against the robot's motion, and let it fade by one cycle."""
+        c, sn = math.cos(motion.theta), math.sin(motion.theta)
+        memory = self._fades(motion, mapped)
+        dx, dy = self._points[:, 0] - motion.x, self._points[:, 1] - motion.y
+        self._points = np.column_stack(
+            [c * dx + sn * dy, c * dy - sn * dx, memory * self._points[:, 2]]
+        )
+        rays = self._rays
+        if rays is not None:
+            x, y = rays.x - motion.x, rays.y - motion.y
+            at = c * x + sn * y, c * y - sn * x
+            self._rays = _Rays(*at, rays.first - motion.theta, rays.step, rays.ranges)
+        self._keep(self._points)
+
+    def update(self, scan: Scan) -> int:
+        """Take a scan in; how many of its rays tell anything.
+
+        One that ends within the body met the robot itself, or what covers the laser: it is blind
+        there. Raises ValueError if its bytes are no ranges.
+        """
+        ranges, bearings = ranges_of(scan), bearings_of(scan)
+        hits = np.flatnonzero(np.isfinite(ranges))
+        away, along = ranges[hits], bearings[hits]
+        own = self._within(scan.x + away * np.cos(along), scan.y + away * np.sin(along))
+        ranges[hits[own]] = np.nan
+        tells = int(np.count_nonzero(~np.isnan(ranges)))
+        self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
+        known = self._points
+        came = self._looks(known)
+        known[came == Look.NOTHING.value, 2] -= self.settings.silence
+        known = known[(came != Look.SEEN.value) & (came != Look.THROUGH.value)]
+        self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
+        return tells
+
+    def heard(self) -> tuple[Obstacle, ...]:
+        """What is seen, and what is remembered, the nearest first."""
+        if self._heard is None:
+            away = np.hypot(self._points[:, 0], self._points[:, 1])
+            order = np.lexsort((self._points[:, 1], self._points[:, 0], away))
+            rows = zip(
+                self._points[order, 0].tolist(),
+                self._points[order, 1].tolist(),
+                away[order].tolist(),
+                strict=True,
+            )
+            self._heard = tuple(Obstacle(*row) for row in rows)
+        return self._heard
+
+    def look(self, places: Sequence[tuple[float, float]]) -> list[Look]:
+        """What came of looking at places with the newest scan, by both rays beside each."""
+        looks: list[Look] = _SEES[self._looks(np.array(places).reshape(-1, 2))].tolist()
+        return looks
+
+    def _looks(self, points: Floats) -> NDArray[np.intp]:
+        """The same, as numbers."""
+        found = np.full(len(points), Look.NONE.value, dtype=np.intp)
+        rays = self._rays
+        if rays is None or not len(points) or not len(rays.ranges):
+            return found
+        dx, dy = points[:, 0] - rays.x, points[:, 1] - rays.y
+        away = np.hypot(dx, dy)
+        bearings = np.arctan2(dy, dx)
+        low, high, inside = beside(bearings, rays.first, rays.step, len(rays.ranges))
+        one, other = rays.ranges[low], rays.ranges[high]
+        near, far = np.fmin(one, other), np.fmax(one, other)
+        valid = inside & ~np.isnan(one) & ~np.isnan(other)
+        margin = self.settings.margin_m
+        found[valid & (near > away + margin)] = Look.THROUGH.value
+        found[valid & np.isinf(far) & (near > away + margin)] = Look.NOTHING.value
+        seen = (np.abs(one - away) <= margin) | (np.abs(other - away) <= margin)
+        found[inside & seen] = Look.SEEN.value
+        return found
+
+    def _thinned(self, ranges: Floats, bearings: Floats) -> Floats:
+        """The nearest point of each sector, and the edges, of one scan: (n, 3)."""
+        s, rays = self.settings, self._rays
+        assert rays is not None, "one has just been taken"
+        hits = np.isfinite(ranges)
+        away = np.where(hits, ranges, FAR_M)
+        x, y = rays.x + away * np.cos(bearings), rays.y + away * np.sin(bearings)
+        near = hits & (np.hypot(x, y) < s.reach_m)
+        away = np.where(near, away, FAR_M)
+        each = round(min(max(s.sector_rad / abs(rays.step), 1.0), max(len(away), 1)))
+        least = np.minimum.reduceat(away, np.arange(0, len(away), each))
+        kept = away == np.repeat(least, each)[: len(away)]
+        jumps = away[1:] - away[:-1]
+        edge = s.jump_m + s.jump * np.minimum(away[1:], away[:-1])
+        kept[:-1] |= jumps > edge
+        kept[1:] |= -jumps > edge
+        kept &= near
+        x, y, away = x[kept], y[kept], away[kept]
+        order = np.argsort(away, kind="stable")  # of those in one cell the nearest stays
+        x, y = x[order], y[order]
+        cells = np.rint(x / s.apart_m) * 65536.0 + np.rint(y / s.apart_m)
+        _, first = np.unique(cells, return_index=True)
+        return np.column_stack([x[first], y[first], np.ones(len(first))])
+
+    def _within(self, x: Floats, y: Floats) -> Flags:
+        front, rear, half = self.outline or NOBODY
+        within: Flags = (-rear < x) & (x < front) & (-half < y) & (y < half)
+        return within
+
+    def _keep(self, points: Floats) -> None:
+        """Hold these, but for what is too far, within the body, or hardly believed."""
+        s = self.settings
+        away = np.hypot(points[:, 0], points[:, 1])
+        kept = (away < s.reach_m) & (points[:, 2] >= s.forget)
+        points = points[kept & ~self._within(points[:, 0], points[:, 1])]
+        if len(points) > s.most:
+            order = np.lexsort((np.hypot(points[:, 0], points[:, 1]), -np.floor(points[:, 2])))
+            points = points[order[: s.most]]
+        self._points, self._heard = points, None
+        self._changed()

@@ -1,0 +1,121 @@
+"""Which agents a task cannot do without: the table that hosts are started and watched by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+from msgspec import Struct
+
+from armadico.agents.missions.mission_file import Mission
+from armadico.config.errors import ConfigError, advice
+from armadico.config.lines import line_of
+from armadico.config.loading import document, parse_entries, read_text
+from armadico.config.scenarios import Scenario, mission_of, planned, society
+from armadico.config.shipped import folder
+
+TABLE: Final = "needs.toml"
+
+ROOMS: Final = "rooms"
+DIRECT: Final = "direct"
+"""Plans of scenarios that say none."""
+
+
+class Need(Struct, frozen=True, forbid_unknown_fields=True):
+    """What one kind of task needs: its own agents, and those of the tasks that it is like."""
+
+    agents: tuple[str, ...] = ()
+    helps: tuple[str, ...] = ()
+    """Who takes part in it besides, and can be done without."""
+    like: tuple[str, ...] = ()
+    plans: tuple[str, ...] = ()
+    """A scenario's plans that are this task."""
+    errors: bool = False
+    """Whether every scenario whose sensors have errors is this, too,"""
+    missions: bool = False
+    """and every mission of several tasks,"""
+    energy: tuple[str, ...] = ()
+    """and the missions that do one of these before a way that the battery will not do for."""
+
+
+@cache
+def table(file: Path | None = None) -> dict[str, Need]:
+    """The needs by kind of task, shipped or of a file. Raises ConfigError with file and line."""
+    path = file or folder("") / TABLE
+    text = read_text(path)
+    found = parse_entries(document(text, path), Need, path, text)
+    for kind, need in found.items():
+        for index, other in enumerate(need.like):
+            if other not in found:
+                message = f"{kind}.like[{index}]: no task {other!r}; {advice(other, found)}"
+                raise ConfigError(message, path, line_of(text, (kind, "like", index)))
+    return found
+
+
+def needs(tasks: Iterable[str], file: Path | None = None) -> tuple[str, ...]:
+    """The agents that tasks of these kinds cannot do without, the robot agent first, each once.
+
+    Raises ConfigError with the nearest kind for one that the table does not have.
+    """
+    return tuple(dict.fromkeys((society().robot, *_agents(tasks, file, helps=False))))
+
+
+def minimum(tasks: Iterable[str], file: Path | None = None) -> tuple[str, ...]:
+    """The same, and who helps: the least society for tasks of these kinds."""
+    return tuple(dict.fromkeys((society().robot, *_agents(tasks, file, helps=True))))
+
+
+def _agents(tasks: Iterable[str], file: Path | None, *, helps: bool) -> Iterator[str]:
+    known = table(file)
+    for task in tasks:
+        if task not in known:
+            raise ConfigError(f"no needs of a task {task!r}; {advice(task, known)}")
+        for kind in _with_likes(task, known, frozenset()):
+            yield from known[kind].agents
+            if helps:
+                yield from known[kind].helps
+
+
+def _with_likes(kind: str, known: dict[str, Need], above: frozenset[str]) -> Iterator[str]:
+    """A kind of task after all that it is like; of a circle each once."""
+    if kind in above:
+        return
+    for other in known[kind].like:
+        yield from _with_likes(other, known, above | {kind})
+    yield kind
+
+
+def tasks(scenario: Scenario | None) -> tuple[str, ...]:
+    """The kinds of task that a scenario is, and its mission; without one it may be sent anywhere.
+
+    A task that the table does not have, of somebody's own, needs what every mission does.
+    """
+    mission = None if scenario is None else mission_of(scenario)
+    plan, done = None, set[str]()
+    if mission is not None:
+        done = {mission.on_alarm, *_done(mission)}
+    elif scenario is None:
+        plan = ROOMS
+    else:
+        plan = scenario.plan or (ROOMS if planned(scenario) else DIRECT)
+    exact = scenario is not None and scenario.sensors == society().ideal.sensors
+
+    def is_one(kind: str, need: Need) -> bool:
+        if plan in need.plans or (need.errors and not exact):
+            return True
+        if mission is None:
+            return False
+        return kind in done or need.missions or mission.energy in need.energy
+
+    return tuple(kind for kind, need in table().items() if is_one(kind, need))
+
+
+def _done(mission: Mission) -> Iterator[str]:
+    """What a mission's steps do: tasks, and its own procedures."""
+    left = [step for procedure in mission.procedures.values() for step in procedure.steps]
+    while left:
+        step = left.pop()
+        yield step.do
+        left += step.otherwise

@@ -1,0 +1,352 @@
+"""One host's share of a society as processes: started, watched, started again, taken down.
+
+The machine of the wakeup agent (`armadico.agents.supervision.wakeup`), which decides what is
+started when. That agent runs in a thread of this process, on the mesh; processes belong to the
+main thread, which they are tied to.
+"""
+
+from __future__ import annotations
+
+import queue
+import re
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import psutil
+
+from armadico.agents.supervision.wakeup import (
+    Do,
+    Event,
+    Load,
+    Order,
+    Parameters,
+    Wakeup,
+    lines,
+    orders,
+)
+from armadico.config.discovery import agent_class, owners
+from armadico.core.resources import WHEELS
+from armadico.core.restart_policy import Budget
+from armadico.launch.processes import (
+    LEAVE_S,
+    SIMULATOR,
+    Process,
+    StartError,
+    agent_words,
+    end_in_order,
+    ending,
+    simulator_words,
+)
+from armadico.launch.society import Member, processes
+from armadico.observe.journals import head
+from armadico.runtime.process import AgentHost, identity
+
+if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
+    from armadico.mesh.base import Mesh
+
+LOOK_S: Final = 0.05
+"""How often ended processes and new log lines are looked for."""
+
+LOAD_S: Final = 2.0
+"""How often the machine's load is read."""
+
+LOG_BYTES: Final = 4_000_000
+"""A log that is longer is kept as NAME.log.1, and begun anew."""
+
+_LINE = re.compile(r"^\d\d:\d\d:\d\d\.\d{3} \S+ (?P<level>[A-Z]+) ")
+_LOUD = ("WARNING", "ERROR", "CRITICAL")
+
+
+class GaveUpError(RuntimeError):
+    """A process ended, and starting it again has no use; the message says which, why, and more."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be up: the agents, and a simulator if the robot agent has no robot."""
+
+    host: str
+    namespace: str
+    members: tuple[Member, ...]
+    simulated: Scenario | None = None
+    seed: int = 0
+    joining: tuple[str, ...] = ()
+    """Options by which the processes find the mesh."""
+    together: tuple[tuple[str, ...], ...] = ()
+    """Agents that share a process."""
+    can: tuple[Member, ...] = ()
+    """Agents that it would start besides, if their own host is gone."""
+    needs: tuple[str, ...] = ()
+    """Agents of the whole society that what is asked for cannot do without."""
+    journal: bool = False
+    """Whether the agents publish what enters and leaves them."""
+
+
+@dataclass
+class Tail:
+    """New lines of a log, as far as people need to know them."""
+
+    name: str
+    log: Path
+    _read: int = 0
+    _rest: str = ""
+    _loud: bool = True
+    lines: list[str] = field(default_factory=list)
+
+    def loud(self) -> list[str]:
+        """New lines at WARNING and worse, and what belongs to them, with the agent's name."""
+        try:
+            if self.log.stat().st_size < self._read:
+                self._read, self._rest = 0, ""  # another file by now
+            with self.log.open("rb") as file:
+                file.seek(self._read)
+                data = file.read()
+        except OSError:  # whoever cleans up temporary files, say: no reason to end a society
+            return []
+        if data:
+            self._read += len(data)
+            *lines, self._rest = (self._rest + data.decode(errors="replace")).split("\n")
+            return [said for line in lines if (said := self._said(line))]
+        return []
+
+    def turn(self) -> None:
+        """Begin the file anew once it is long; what it held stays beside it, if there is room."""
+        if self._read > LOG_BYTES:
+            with suppress(OSError):
+                shutil.copyfile(self.log, self.log.with_suffix(".log.1"))
+            with suppress(OSError), self.log.open("r+b") as file:
+                file.truncate()
+            self._read = 0
+
+    def _said(self, line: str) -> str:
+        """A line as it is passed on; empty if it is not."""
+        found = _LINE.match(line)
+        if found is None:  # the rest of what began above: a traceback, say
+            return f"{self.name}: {line}" if self._loud else ""
+        self._loud = found["level"] in _LOUD
+        return f"{self.name}: {found['level']} {line[found.end() :]}" if self._loud else ""
+
+
+class Machine:
+    """The wakeup agent's port: orders go to the thread that has the processes, events come back."""
+
+    def __init__(self) -> None:
+        self.orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event | Load] = queue.SimpleQueue()
+
+    def tell(self, event: Event | Load) -> None:
+        """What became of a process, or the machine's load."""
+        self._events.put(event)
+
+    def read(self, timeout_s: float) -> bytes:
+        """See `Port`."""
+        try:
+            return lines(self._events.get(timeout=timeout_s))
+        except queue.Empty:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """See `Port`."""
+        for order in orders(data):
+            self.orders.put(order)
+
+    def close(self) -> None:
+        """See `Port`."""
+
+
+class Upkeep:
+    """Keeps a share up; a context manager that leaves nothing running."""
+
+    def __init__(
+        self, plan: Plan, mesh: Mesh, say: Callable[[str], None], budget: Budget | None = None
+    ) -> None:
+        """`say` is told what goes wrong, a line at a time."""
+        self.plan = plan
+        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
+        self.processes: dict[str, Process] = {}
+        self.machine = Machine()
+        self._say = say
+        self._groups = processes(plan.members, plan.together)
+        self._lent = {member.name: (member,) for member in plan.can}
+        self._tails: dict[str, Tail] = {}
+        self._ending: dict[str, float] = {}  # who is to leave, and when it is killed if it has not
+        self._port: str | None = None
+        self._well = True
+        self._load_at = 0.0
+        budget = budget or Budget()
+        labels = {label: tuple(m.name for m in group) for label, group in self._groups.items()}
+        simulator: dict[str, tuple[str, ...]] = {SIMULATOR: ()} if plan.simulated else {}
+        parameters = Parameters(
+            host=plan.host,
+            processes=simulator | labels,
+            can=tuple(self._lent),
+            needs=plan.needs,
+            router=next(owners((m.name for m in plan.members), WHEELS), ""),
+            restarts=budget.restarts,
+            within_s=budget.within_s,
+        )
+        self.wakeup = Wakeup(identity(Wakeup.name, plan.host), parameters)
+        self._agents = AgentHost(
+            [self.wakeup],
+            mesh,
+            {self.wakeup.instance: lambda: self.machine},
+            head=head if plan.journal else None,
+        )
+        self._thread = threading.Thread(target=self._live, name="wakeup", daemon=True)
+
+    def __enter__(self) -> Upkeep:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._thread.is_alive():
+            self._agents.request_stop()
+            self._thread.join(LEAVE_S)
+        end_in_order(list(self.processes.values()))
+        self._relay()
+        if self._well and (kind is None or issubclass(kind, KeyboardInterrupt)):
+            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
+
+    def start(self) -> None:
+        """Start everything. Raises GaveUpError if the simulator does not come up."""
+        self._thread.start()
+        if self.plan.simulated is not None:
+            self._start(SIMULATOR)
+        for label in self._groups:
+            self._start(label)
+
+    def keep(self, ready: Callable[[float], None]) -> None:
+        """Keep everything up until interrupted. Raises GaveUpError when the budget is spent.
+
+        `ready` is told, once, how long it took (s) until everybody could be seen on the mesh.
+        """
+        begun = time.monotonic()
+        while True:
+            order = self._ordered()
+            if order is not None and order.do is Do.READY:
+                ready(time.monotonic() - begun)
+            elif order is not None:
+                self._obey(order)
+            self._mourn()
+            self._weigh()
+            self._relay()
+
+    # The wakeup agent ----------------------------------------------------------------------------
+
+    def _live(self) -> None:
+        """Be the wakeup agent's thread; what ends it early ends the share."""
+        try:
+            self._agents.live()
+            why = self._agents.refusal
+        except Exception as error:  # whatever it is: without it nobody would start anybody again
+            why = f"{type(error).__name__}: {error}"
+        if why:
+            self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent is gone: {why}"))
+        self._agents.leave()
+
+    def _ordered(self) -> Order | None:
+        """The next order; None if there is none for a while."""
+        try:
+            return self.machine.orders.get(timeout=LOOK_S)
+        except queue.Empty:
+            return None
+
+    def _obey(self, order: Order) -> None:
+        process = self.processes.get(order.label)
+        match order.do:
+            case Do.START if process is None:
+                try:
+                    self._start(order.label)
+                except OSError as error:  # no memory, no process left: as if it had ended at once
+                    self.machine.tell(Event(order.label, 0, "no start", 1, str(error)))
+            case Do.KILL if process is not None:
+                process.popen.kill()
+            case Do.END if process is not None:
+                process.popen.terminate()
+                self._ending[order.label] = time.monotonic() + LEAVE_S
+            case Do.SAY:
+                self._relay()  # what the process says itself comes first
+                self._say(order.text)
+            case Do.GIVE_UP:
+                self._relay()
+                raise GaveUpError(order.text)
+
+    # Starting ------------------------------------------------------------------------------------
+
+    def _start(self, label: str) -> None:
+        if label == SIMULATOR:
+            process = self._simulator()
+        else:
+            words = agent_words(
+                self._members(label), self.plan.namespace, journal=self.plan.journal
+            )
+            process = self._run(label, words)
+        self.machine.tell(Event(label, process.popen.pid))
+
+    def _members(self, label: str) -> list[Member]:
+        """The agents of a process, told where the simulator is if they have its port."""
+        return [
+            Member(member.name, (*member.sets, f"port={self._port}"))
+            if self._port is not None and "port" in agent_class(member.name).launched_with
+            else member
+            for member in self._groups.get(label) or self._lent[label]
+        ]
+
+    def _simulator(self) -> Process:
+        assert self.plan.simulated is not None, "there was one"
+        port = 0 if self._port is None else int(self._port.rpartition(":")[2])
+        words = simulator_words(self.plan.simulated, self.plan.seed, self.plan.namespace, port)
+        process = self._run(SIMULATOR, words, listen=True)
+        if self._port is None:  # later ones take the same port, and the robot agent finds them
+            try:
+                self._port = process.announced()[0]
+            except StartError as error:
+                self._well = False
+                raise GaveUpError(str(error)) from None
+        return process
+
+    def _run(self, label: str, words: Sequence[str], *, listen: bool = False) -> Process:
+        log = self.logs / f"{label}.log"
+        process = Process(label, [*words, *self.plan.joining], log, listen=listen, tied=True)
+        self.processes[label] = process
+        self._tails.setdefault(label, Tail(label, log))
+        return process
+
+    # Watching ------------------------------------------------------------------------------------
+
+    def _mourn(self) -> None:
+        """Tell the wakeup agent who has ended, and kill who should have."""
+        now = time.monotonic()
+        for label, process in list(self.processes.items()):
+            if not process.ended():
+                if now >= self._ending.get(label, now + 1.0):
+                    process.popen.kill()
+                continue
+            del self.processes[label]
+            asked = self._ending.pop(label, None) is not None
+            self._well = self._well and asked
+            if process.popen.stdout is not None:
+                process.popen.stdout.close()
+            code = process.popen.returncode
+            words = process.last_words()
+            self.machine.tell(Event(label, 0, ending(code), code, words))
+
+    def _weigh(self) -> None:
+        """Tell the wakeup agent now and then how much this machine has to do."""
+        if time.monotonic() >= self._load_at:
+            self._load_at = time.monotonic() + LOAD_S
+            self.machine.tell(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
+
+    def _relay(self) -> None:
+        """Pass on what the processes log of faults."""
+        for tail in self._tails.values():
+            for line in tail.loud():
+                self._say(line)
+            tail.turn()

@@ -1,0 +1,398 @@
+"""Start this machine's share of a society, and keep it up."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.run_options import POSE, pose
+from armadico.config.discovery import UnknownNameError
+from armadico.config.errors import ConfigError
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from armadico.agents.supervision.supervisor import Plan
+    from armadico.cli.places import Place
+    from armadico.config.hosts import Host
+    from armadico.config.scenarios import Scenario
+    from armadico.launch.society import Member
+
+EXAMPLES: Final = """\
+  armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
+  armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
+  armadico up sc4                                  everybody on this machine
+  armadico up house --page                         and a page to click on; Ctrl-C ends both
+  armadico up rounds                               as few as that mission needs
+  armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
+  armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
+  armadico down                                    end it
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
+    args = parser().parse_args(argv)
+    scenario = _started(args, _scenario(args))
+    where = _place(args, scenario)
+    with _signals() as received:
+        try:
+            _keep(args, where, scenario)
+        except KeyboardInterrupt:
+            if signal.SIGTERM in received:
+                return 0
+            raise
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico up",
+        "Start this machine's share of a society, as the host table has it, and keep it up: who"
+        " ends is started again, so many times in so many seconds. The mission is somebody else's:"
+        " armadico run SCENARIO --attach, or armadico goto.",
+        EXAMPLES,
+    )
+    made.add_argument(
+        "scenario",
+        nargs="?",
+        metavar="MISSION",
+        help="a mission, or a scenario: only its agents, set as it says (default: the host's, as"
+        " is)",
+    )
+    made.add_argument("--seed", type=int, metavar="N", help="of the simulator, if it starts one")
+    made.add_argument("--parameters", metavar="SET", help="a set of agents' parameters, or a file")
+    made.add_argument(
+        "--set",
+        metavar="AGENT.KEY=VALUE",
+        action="append",
+        default=[],
+        help="one parameter of one agent; may be repeated",
+    )
+    made.add_argument(
+        "--with",
+        dest="more",
+        metavar="AGENT",
+        action="append",
+        default=[],
+        help="one more, whoever else has it; may be repeated",
+    )
+    made.add_argument(
+        "--without", metavar="AGENT", action="append", default=[], help="leave one out"
+    )
+    made.add_argument(
+        "--start", **POSE, help="where this robot starts, if not where the scenario has it"
+    )
+    made.add_argument("--robot", metavar="URL", help="the controller, instead of the host entry's")
+    made.add_argument(
+        "--restarts", type=int, default=5, metavar="N", help="give up after (default %(default)s)"
+    )
+    made.add_argument(
+        "--within", type=float, default=30.0, metavar="S", help="in so many s (default %(default)s)"
+    )
+    made.add_argument(
+        "--journal",
+        action="store_true",
+        help="the agents publish what enters and leaves them, so that a recording can be replayed",
+    )
+    made.add_argument(
+        "--page",
+        action="store_true",
+        help="serve the control page as well, until this ends; the link is printed",
+    )
+    options.add_mesh_options(made)
+    return made
+
+
+def _place(args: argparse.Namespace, scenario: Scenario | None) -> Place:
+    """Which host this is; if nothing else is said, one that runs everybody."""
+    if args.restarts < 0 or not args.within > 0:
+        raise UsageError(
+            f"--restarts {args.restarts} --within {args.within:g}: at least 0, and more than 0 s"
+        )
+    where = options.placed(args, passing=False)
+    if where is None:
+        from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+        from armadico.cli.places import Place  # noqa: PLC0415
+        from armadico.config.hosts import HostTable, load_hosts  # noqa: PLC0415
+        from armadico.launch.society import names  # noqa: PLC0415
+
+        if args.connect:
+            raise UsageError("--connect says nothing of who runs here; name --hosts")
+        name = socket.gethostname()  # as its agents call it, to whom no table is given either
+        host = load_hosts().host("localhost")
+        taking = () if scenario is None else names(scenario)
+        host = replace(host, agents=tuple(dict.fromkeys((*taking, *host.agents))))
+        where = Place(HostTable({name: host}), name)
+    return where
+
+
+def _scenario(args: argparse.Namespace) -> Scenario | None:
+    """What is to be done: a mission in its own scenario, by the least society, or a scenario."""
+    if args.scenario is None:
+        return None
+    from armadico.config.scenarios import load_scenario, on_mission  # noqa: PLC0415 - for --help
+    from armadico.launch.society import least  # noqa: PLC0415
+
+    if not _is_mission(args.scenario):
+        return on_mission(load_scenario(args.scenario))
+    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415
+    from armadico.config.shipped import counted_from  # noqa: PLC0415
+
+    mission = load_mission(args.scenario)
+    if mission.scenario is None:
+        raise UsageError(
+            f"{mission.name} names no scenario, so nobody knows where it is done: say one in its"
+            ' file (scenario = "house")'
+        )
+    path = counted_from(Path.cwd() / "command line", args.scenario)
+    return least(on_mission(load_scenario(mission.scenario), path))
+
+
+def _started(args: argparse.Namespace, scenario: Scenario | None) -> Scenario | None:
+    """The scenario with the start that is given. Raises UsageError, ConfigError."""
+    from armadico.config.worlds import bare  # noqa: PLC0415 - not for --help
+
+    if scenario is not None and (warning := bare(scenario.world)):
+        options.say(warning)
+    start = pose("start", args.start)
+    if start is None:
+        return scenario
+    if scenario is None:
+        raise UsageError("--start is in a scenario's world: name one")
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.config.scenarios import scenario_from  # noqa: PLC0415
+
+    return replace(scenario, start=scenario_from(scenario.world, start, None, scenario.robot).start)
+
+
+def _is_mission(name: str) -> bool:
+    """Whether something is a mission's name or file: it has steps, and a scenario has none."""
+    from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
+    from armadico.config.loading import document, read_text  # noqa: PLC0415
+    from armadico.config.shipped import find, names  # noqa: PLC0415
+
+    missions, scenarios = names("missions"), names("scenarios")
+    if name in missions:
+        return True
+    if name in scenarios:
+        return False
+    if Path(name).name == name and not Path(name).suffix:
+        known = {*missions, *scenarios}
+        raise ConfigError(f"no mission and no scenario {name!r}; {advice(name, known)}")
+    path = find("scenarios", name)
+    return "steps" in document(read_text(path), path)
+
+
+def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:
+    from armadico.agents.supervision.supervisor import GaveUpError, Upkeep  # noqa: PLC0415 - not for --help
+    from armadico.config.discovery import owners  # noqa: PLC0415 - not for --help
+    from armadico.core.resources import WHEELS  # noqa: PLC0415
+    from armadico.core.restart_policy import Budget  # noqa: PLC0415
+    from armadico.launch.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
+
+    plan = _plan(args, where, scenario)
+    # The local table without options: as agents without options, in the namespace's own mesh.
+    given = args.host is not None or args.hosts is not None or options.HOSTS_VARIABLE in os.environ
+    has_robot = any(owners((member.name for member in plan.members), WHEELS))
+    mesh = options.join_at(args, where if given else None, starts=has_robot)
+    names = ", ".join(member.name for member in plan.members)
+    budget = Budget(args.restarts, args.within)
+    try:
+        with (
+            PidFile(args.namespace, plan.host) as pid_file,
+            mesh,
+            _page(args, scenario),
+            Upkeep(plan, mesh, _say, budget) as upkeep,
+        ):
+            running = tuple(member.name for member in plan.members)
+            pid_file.write(Share(os.getpid(), plan.host, args.namespace, running, str(upkeep.logs)))
+            _say(f"{plan.host}: starting {names}; logs are in {upkeep.logs}")
+            upkeep.start()
+            upkeep.keep(_ready(plan.host, names))
+    except TakenError as error:
+        raise FailedError(_taken(args.namespace, plan.host, error.share)) from None
+    except GaveUpError as error:
+        raise FailedError(
+            f"{plan.host}: {error}\neverything of {plan.host} was ended; logs are in {upkeep.logs}"
+        ) from None
+    except OSError as error:
+        raise FailedError(f"cannot keep a file that says what is up: {error}") from None
+
+
+def _page(args: argparse.Namespace, scenario: Scenario | None) -> AbstractContextManager[None]:
+    """The control page beside the society, if it is asked for. Raises FailedError."""
+    if not args.page:
+        return nullcontext()
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+
+    return beside(args, "page", None if scenario is None else scenario.world)
+
+
+def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> Plan:
+    """What is to be up here. Raises UsageError, ConfigError or UnknownNameError."""
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.agents.supervision.supervisor import Plan  # noqa: PLC0415
+    from armadico.config.discovery import owners  # noqa: PLC0415
+    from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
+    from armadico.config.scenarios import Scenario  # noqa: PLC0415
+    from armadico.core.resources import WHEELS  # noqa: PLC0415
+    from armadico.launch.society import Options, names, needed, share, spare  # noqa: PLC0415
+
+    assert where.name is not None, "an agent's place has a name"
+    host = where.table.host(where.name)
+    if args.robot is not None:
+        if fault := robot_fault(args.robot):
+            raise UsageError(f"--robot {args.robot!r}: {fault}")
+        host = replace(host, robot=args.robot)
+    _check_names(args, where, host)
+    seed = args.seed if args.seed is not None else (scenario.seed if scenario else 0)
+    chosen = Options(
+        seed=seed,
+        parameters=args.parameters,
+        without=tuple(args.without),
+        namespace=args.namespace,
+    )
+    members = share(scenario, chosen, host, args.more)
+    if not members:
+        raise UsageError(f"nothing of {args.scenario or 'the table'} is {where.name}'s to start")
+    robot = next(owners((member.name for member in members), WHEELS), None)
+    if args.robot is not None and robot is None:
+        raise UsageError(f"--robot {args.robot}: {where.name} starts no robot agent here")
+    lacking = nobodys(names(scenario), where.table) if scenario else ()
+    if lacking:
+        _say(f"{args.scenario} needs what no host of {where.table.file} runs: {', '.join(lacking)}")
+    simulated = None
+    if host.robot is None and robot is not None:
+        simulated = scenario or Scenario(world="empty", start=(0, 0, 0))
+    port = serial_port(host.robot) if host.robot else None
+    if port is not None and not port.exists():
+        _say(f"there is no {port} yet; the robot agent looks for it until the adapter is there")
+    return Plan(
+        where.name,
+        args.namespace,
+        _set(args, members),
+        simulated,
+        seed,
+        tuple(_joining(args, where)),
+        host.together,
+        spare(scenario, chosen, host, where.table),
+        needed(scenario, chosen, where.table),
+        args.journal,
+    )
+
+
+def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
+    """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
+    from armadico.config.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
+    from armadico.config.lines import line_of  # noqa: PLC0415
+    from armadico.config.loading import read_text  # noqa: PLC0415
+
+    file = where.table.file
+    for index, name in enumerate(host.agents):
+        try:
+            find(AGENTS, name)
+        except UnknownNameError as error:
+            key = (str(where.name), "agents", index)
+            line = line_of(read_text(file), key) if file else None
+            raise ConfigError(f"{where.name}.agents: {error}", file or None, line) from None
+    for name in (*args.more, *args.without):
+        find(AGENTS, name)
+
+
+def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, ...]:
+    """The members with what `--set` says. Raises ConfigError if an agent would refuse its own."""
+    found = tuple(_with_sets(member, args.set, members) for member in members)
+    if args.set or args.parameters is not None:  # else nobody has written any
+        from armadico.launch.society import check  # noqa: PLC0415 - not for --help
+
+        check(found)
+    return found
+
+
+def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
+    """A member with what `--set` says of it. Raises UsageError for a name that is not here."""
+    from armadico.launch.society import Member  # noqa: PLC0415 - not for --help
+
+    mine = []
+    for setting in sets:
+        name, dot, rest = setting.partition(".")
+        if not dot or "=" not in rest:
+            raise UsageError(f"--set {setting}: expected AGENT.KEY=VALUE, avoid.v_max=0.3 say")
+        if name not in {other.name for other in members}:
+            here = ", ".join(dict.fromkeys(other.name for other in members))
+            raise UsageError(f"--set {setting}: {name} is not started here ({here} are)")
+        if name == member.name:
+            mine.append(rest)
+    return Member(member.name, (*member.sets, *mine))
+
+
+def _joining(args: argparse.Namespace, where: Place) -> list[str]:
+    """The options by which the processes find the mesh, and know which host they are on."""
+    if args.host is None and args.hosts is None and options.HOSTS_VARIABLE not in os.environ:
+        return []
+    assert where.name is not None, "an agent's place has a name"
+    table = ["--hosts", str(Path(where.table.file).resolve()), "--host", where.name]
+    return table + [word for endpoint in args.connect for word in ("--connect", endpoint)]
+
+
+def _taken(namespace: str, host: str, share: object) -> str:
+    from armadico.launch.pidfile import Share  # noqa: PLC0415 - not for --help
+
+    by = f"process {share.pid}" if isinstance(share, Share) else "another process"
+    return (
+        f"{host}'s share of namespace {namespace!r} is up already, by {by};"
+        " `armadico down` ends it, another robot needs a --namespace of its own"
+    )
+
+
+def _ready(host: str, names: str) -> Callable[[float], None]:
+    def ready(took: float) -> None:
+        try:
+            print(f"{host} is up after {took:.1f} s: {names}", flush=True)
+        except OSError:  # the society does not end because its launcher cannot report
+            options.unheard()
+        _notify("READY=1")
+
+    return ready
+
+
+def _notify(text: str) -> None:
+    """Tell systemd, if it asked to be told."""
+    where = os.environ.get("NOTIFY_SOCKET")
+    if where:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
+            line.connect("\0" + where[1:] if where.startswith("@") else where)
+            line.send(text.encode())
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """SIGTERM and SIGHUP end it as Ctrl-C does; yields those that came."""
+    received: list[int] = []
+
+    def interrupt(number: int, _cycle: FrameType | None) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
+            signal.signal(number, interrupt)
+    yield received
+
+
+def _say(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,548 @@
+"""The wakeup agent (thesis 3.8.3): starts a host's agents, and again who ends, or is said to hang.
+
+Sans-IO: its device is the machine, a port on which orders go out and what became of the processes
+comes in, a line of JSON each. So one agent does it on real processes
+(`armadico.agents.supervision.supervisor`) and on the virtual mesh (`armadico.launch.virtual`).
+
+Who restarts what: the wakeup agent of a host starts its processes, and nobody else does. Whoever
+ends is due again, by its budget. Who hangs does not end: a monitor finds that out and asks for a
+restart, which is a SIGKILL, and the rest comes as always. It decides nothing about who drives.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from math import inf
+from statistics import median
+from typing import Annotated, Any, ClassVar, Final
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from armadico.agents.supervision.messages import (
+    HostShare,
+    Kept,
+    KeptState,
+    MonitorReport,
+    WakeupOrder,
+    WakeupReply,
+    WakeupRequest,
+)
+from armadico.core import agent
+from armadico.core.agent import DeviceAgent, Question
+from armadico.core.messages import LABEL, Card, Message, line
+from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision, slower
+
+CARD_S: Final = 0.5
+"""What an agent may take to answer the query for its card, before it is queried again."""
+
+START_S: Final = 30.0
+"""Who cannot be seen on the mesh so long after it was started, s, hangs, and is killed."""
+
+MONITOR_S: Final = 10.0
+"""A monitor of this host's that has said nothing for so long, s, hangs, and is killed: who watches
+everybody is watched by other monitors, if there are any, and by who started it. Those others are
+faster, and whoever was killed in between is another process."""
+
+ROUTER_S: Final = 10.0
+"""A robot agent of this host's that accepts no links for so long, s, hangs, and is killed: nobody
+else can find that out, because all talk to each other through it."""
+
+LATE_S: Final = 0.1
+"""A machine that wakes this agent so late, s, most times cannot keep up: it is a cycle of a robot,
+and a bid that is later answers a cycle that is over."""
+
+LATE_OF: Final = 8
+"""So many wake-ups in a row are judged; there is one each second at least."""
+
+HOLD_S: Final = 60.0
+"""Processes are held back for so long at least, s, and for twice as long each time: to start them
+is work, too."""
+
+HELD: Final = "it is held back: the machine cannot keep up"
+
+PATIENT: Final = 4
+"""So many times as long may a start take on a machine that cannot keep up."""
+
+HEARD_S: Final = 1.5
+"""So long after it has begun the shares of all other hosts have come, s."""
+
+SHARE_S: Final = 1.0
+"""How often the share is published at least, as the table of services has it."""
+
+Names = tuple[Annotated[str, Meta(min_length=1, max_length=LABEL)], ...]
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """What is to be up on this host, and what else could be."""
+
+    host: str
+    processes: dict[str, Names] = field(default_factory=dict)
+    """By label, the agents that live in it; none in a simulator."""
+    can: Names = ()
+    needs: Names = ()
+    router: str = ""
+    """The robot agent, if it is to be up on this host."""
+    restarts: int = 5
+    within_s: float = 30.0
+
+
+class Do(StrEnum):
+    """What the machine is told."""
+
+    START = "start"
+    END = "end"  # SIGTERM, and SIGKILL if that is not enough
+    KILL = "kill"
+    SAY = "say"  # a line for people
+    READY = "ready"  # everybody could be seen on the mesh
+    GIVE_UP = "give up"
+
+
+class Order(Struct, frozen=True):
+    """One thing that the machine is to do."""
+
+    do: Do
+    label: str = ""
+    text: str = ""
+
+
+class Event(Struct, frozen=True, tag=True):
+    """What became of a process: it began, or it ended."""
+
+    label: str
+    pid: int = 0
+    ending: str = ""  # how it ended, for people; empty: it has begun
+    code: int = 0
+    words: str = ""  # its last ones
+
+
+class Load(Struct, frozen=True, tag=True):
+    """How much the machine has to do."""
+
+    per_core: float  # runnable processes, on average over the last minute
+
+
+def lines(what: Struct) -> bytes:
+    """An order or an event as it goes through the port."""
+    return msgspec.json.encode(what) + b"\n"
+
+
+def orders(data: bytes) -> Iterator[Order]:
+    """The orders of some bytes."""
+    return (msgspec.json.decode(text, type=Order) for text in data.splitlines())
+
+
+@dataclass
+class _Process:
+    """One process of this host."""
+
+    agents: tuple[str, ...]
+    state: KeptState = KeptState.STARTING
+    pid: int = 0
+    lent: bool = False
+    why: str = ""
+    began_at: float | None = None  # when it was started, until it can be seen
+    back_at: float = inf  # when its own host had what is lent again
+
+
+class Wakeup(DeviceAgent):
+    """Keeps a host's processes up within a budget, and answers who asks it to."""
+
+    name = "wakeup"
+    hears: ClassVar[tuple[type[Message], ...]] = (HostShare, MonitorReport)
+    provides: ClassVar[tuple[type[Message], ...]] = (HostShare,)
+    answers: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
+    parameters = Parameters
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.gave_up = False
+        self.supervision = Supervision(Budget(self.p.restarts, self.p.within_s))
+        self._kept = {label: _Process(names) for label, names in self.p.processes.items()}
+        self._alive: dict[str, str] = {}  # the names of those whose token is there, by instance
+        self._cards: dict[str, Card] = {}
+        self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
+        self._reported: dict[int, float] = {}  # when monitors of this host last did, by process
+        self._half = b""  # of a line
+        self._load = 0.0
+        self._ready = False
+        self._share_at = self._heard_at = self._due_at = 0.0
+        self._late: deque[float] = deque(maxlen=LATE_OF)  # by how much it was woken late, s
+        self._held: list[str] = []  # labels
+        self._slow = False
+        self._hold_until, self._holds = 0.0, 0
+        self._cut_at = inf  # when the robot's router could not be reached any more
+        self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
+
+    # Who is there --------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Say at once what is kept up here."""
+        self._heard_at = self.now + HEARD_S
+        self._cut_at = inf if self.reachable else self.now
+        self._tell()
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        """Somebody has joined: is it one of this host's?"""
+        self._alive[instance] = name
+        self._ask(name, instance)
+
+    def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
+        for about in (self._alive, self._cards, self._shares):
+            about.pop(instance, None)
+
+    def on_met(self, card: Card) -> None:
+        """A card has come, whoever asked for it."""
+        if card.instance in self._alive:
+            self._cards[card.instance] = card
+            self._greet()
+
+    def on_router(self) -> None:
+        """Whoever has begun meanwhile can only be seen from now on, and others' shares come now."""
+        self._cut_at = inf if self.reachable else self.now
+        if self.reachable:
+            self._heard_at = self.now + HEARD_S
+            for process in self._kept.values():
+                if process.began_at is not None:
+                    process.began_at = self.now
+
+    def on_host_share(self, share: HostShare) -> None:
+        """What another host keeps up."""
+        self._shares[share.instance] = share
+        self._give_back()
+
+    def _give_back(self) -> None:
+        """End what is lent once its own host has had it for long enough to keep it.
+
+        Not before: one of the two may be alone in the namespace, and then the newcomer goes.
+        """
+        back = {
+            name: share.host
+            for share in self._shares.values()
+            for kept in share.kept
+            if kept.state is KeptState.UP and not kept.lent
+            for name in kept.agents
+        }
+        for label, process in list(self._kept.items()):
+            if not process.lent or not back.keys() >= set(process.agents):
+                process.back_at = inf
+                continue
+            process.back_at = min(process.back_at, self.now)
+            if self.now - process.back_at >= NEWCOMER_S:
+                if process.pid:
+                    self._order(Do.END, label)
+                self._let_go(label, f"{back[process.agents[0]]} has one of its own again")
+
+    def on_monitor_report(self, report: MonitorReport) -> None:
+        """A monitor is at work; is it one of this host's?"""
+        card = self._cards.get(report.instance)
+        if card is not None and card.host == self.p.host:
+            self._reported[card.pid] = self.now
+
+    def _ask(self, name: str, instance: str) -> None:
+        """Ask for a card until it comes: one that hangs delays nobody, and may be slow once."""
+        if instance in self._cards or self._alive.get(instance) != name:
+            return
+        if not any(name in p.agents for p in self._kept.values() if p.state is KeptState.STARTING):
+            return
+
+        def answered(card: Card | None) -> None:
+            if card is not None and card.instance == instance:
+                self.on_met(card)
+            else:
+                self._ask(name, instance)
+
+        self.ask_card(name, instance, answered, CARD_S)
+
+    def _greet(self) -> None:
+        """See who of the starting is on the mesh by now."""
+        here = {(c.name, c.pid) for c in self._cards.values() if c.host == self.p.host}
+        for label, process in self._kept.items():
+            starting = process.state is KeptState.STARTING and process.pid
+            if starting and all((name, process.pid) in here for name in process.agents):
+                process.began_at = None
+                self._became(label, KeptState.UP)
+                self.supervision.began(label, self.now)
+        self._say_once()
+
+    def _say_once(self) -> None:
+        """That the share is up: all are on the mesh, here or where somebody took them over."""
+        if not self._ready and all(
+            process.state is KeptState.UP
+            or label in self._held
+            or (process.state is KeptState.WAITING and all(map(self._replaced, process.agents)))
+            for label, process in self._kept.items()
+        ):
+            self._ready = True
+            self._order(Do.READY)
+
+    # The machine ---------------------------------------------------------------------------------
+
+    def on_bytes(self, data: bytes) -> None:
+        *whole, self._half = (self._half + data).split(b"\n")
+        for text in whole:
+            event = msgspec.json.decode(text, type=Event | Load)
+            if isinstance(event, Load):
+                self._load = event.per_core
+            elif event.ending:
+                self._ended(event)
+            else:
+                self._began(event)
+
+    def _began(self, event: Event) -> None:
+        process = self._kept.get(event.label)
+        if process is None:
+            return
+        process.pid = event.pid
+        process.began_at = self.now if process.agents else None
+        self._became(event.label, KeptState.STARTING if process.agents else KeptState.UP)
+        if not process.agents:
+            self.supervision.began(event.label, self.now)
+        for instance, name in sorted(self._alive.items()):
+            self._ask(name, instance)
+        self._greet()
+
+    def _ended(self, event: Event) -> None:
+        label, process = event.label, self._kept.get(event.label)
+        if process is None:
+            return
+        if event.code == MISUSED and self.now < self._heard_at:
+            self._early.append(event)
+            self._look_again()
+            return
+        self._reported.pop(process.pid, None)
+        process.pid, process.began_at = 0, None
+        if label in self._held:
+            self._became(label, KeptState.WAITING, HELD)
+            self._say_once()
+            return
+        if process.state is KeptState.ENDED:  # as somebody asked
+            self._tell()
+            return
+        if process.lent and event.code == MISUSED:  # as after a cut: its own host has one, too
+            self._let_go(label, "somebody is in its way")
+            return
+        replaced = any(self._replaced(name) for name in process.agents)
+        why = self.supervision.ended(label, event.code, self.now, replaced=replaced)
+        if why is not None and process.lent:  # that is no reason to end what is this host's own
+            self._let_go(label, f"{label} ended with {event.ending}, {why}")
+            return
+        if why is not None:
+            self.gave_up = True
+            self._order(
+                Do.GIVE_UP,
+                text=f"{label} ended with {event.ending}, and is not started again: {why}."
+                f" Its last words:\n{event.words}",
+            )
+            return
+        if self.supervision.kept_out(label):
+            said = (
+                f"{label} left: somebody is in its way; the others go on, and it is tried again"
+                " now and then"
+            )
+        else:
+            said = f"{label} ended with {event.ending}; it is started again"
+        self._order(Do.SAY, text=said)
+        self._became(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
+        self._say_once()
+
+    def _replaced(self, name: str) -> bool:
+        """Whether another host has started an agent of this name in place of one that was gone."""
+        shares = self._shares.values()
+        return any(kept.lent and name in kept.agents for share in shares for kept in share.kept)
+
+    def _order(self, do: Do, label: str = "", text: str = "") -> None:
+        self.write(lines(Order(do, label, text)))
+
+    # Requests ------------------------------------------------------------------------------------
+
+    def on_wakeup_request(self, question: Question) -> WakeupReply:
+        """Start, restart or end an agent."""
+        request = question.request
+        assert isinstance(request, WakeupRequest)
+        found = [label for label, p in self._kept.items() if request.agent in p.agents]
+        do = {
+            WakeupOrder.START: self._start,
+            WakeupOrder.RESTART: self._restart,
+            WakeupOrder.END: self._end,
+        }[request.order]
+        refusal = do(request, found)
+        if refusal:
+            refusal = f"{self.p.host}: {refusal}"
+            self.log(f"{request.order} {request.agent}: refused: {refusal}", agent.WARNING)
+        return WakeupReply(line(refusal))
+
+    def _start(self, request: WakeupRequest, found: list[str]) -> str:
+        if any(label in self._held for label in found):
+            return HELD
+        if any(self._kept[label].state is not KeptState.ENDED for label in found):
+            return ""  # it is looked after already
+        if not found and request.agent not in self.p.can:
+            able = ", ".join(self.p.can) or "nobody"
+            return f"it cannot start {request.agent}; it could start {able}"
+        if refusal := self.supervision.refusal(self.now):
+            return refusal
+        for label in found or [request.agent]:
+            lent = not found
+            process = self._kept.setdefault(label, _Process((request.agent,), lent=lent))
+            process.state = KeptState.STARTING
+            self._order(Do.SAY, text=f"{label} is started: {_asked(request)}")
+            self._order(Do.START, label)
+        self._tell()
+        return ""
+
+    def _restart(self, request: WakeupRequest, found: list[str]) -> str:
+        if not found:
+            return f"{request.agent} is none of its agents"
+        if any(label in self._held for label in found):
+            return HELD
+        for label in found:
+            process = self._kept[label]
+            meant = request.pid in (0, process.pid)
+            if process.state is KeptState.ENDED or not (process.pid and meant):
+                continue  # another one is there by now, or is about to be
+            if refusal := self.supervision.refusal(self.now):
+                return refusal
+            self.supervision.requested(label)
+            self._kill(label, _asked(request))
+        return ""
+
+    def _kill(self, label: str, why: str) -> None:
+        self._order(Do.SAY, text=f"{label} is killed: {why}")
+        self._order(Do.KILL, label)
+
+    def _end(self, request: WakeupRequest, found: list[str]) -> str:
+        if not found:
+            return f"{request.agent} is none of its agents"
+        for label in found:
+            if self._kept[label].state is KeptState.ENDED:
+                continue
+            self._order(Do.SAY, text=f"{label} is ended: {_asked(request)}")
+            if self._kept[label].pid:
+                self._order(Do.END, label)
+            self._let_go(label, _asked(request))
+        return ""
+
+    def _let_go(self, label: str, why: str) -> None:
+        """It is not started again: what was lent is forgotten, what is its own said to be ended."""
+        self.supervision.let_go(label)
+        if self._kept[label].lent:
+            del self._kept[label]
+            self._order(Do.SAY, text=f"{label} is this host's no more: {why}")
+            self._tell()
+        else:
+            self._became(label, KeptState.ENDED, why)
+
+    # Telling -------------------------------------------------------------------------------------
+
+    def on_wakeup(self) -> None:
+        """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
+        self._late.append(self.now - self._due_at)
+        self._keep_up()
+        if self.now >= self._heard_at:
+            early, self._early = self._early, []
+            for event in early:
+                self._ended(event)
+        for label in self.supervision.due(self.now):
+            if label in self._held:
+                continue
+            replaced = [name for name in self._kept[label].agents if self._replaced(name)]
+            if self.supervision.kept_out(label) and replaced:  # it would find out the same
+                self.supervision.ended(label, MISUSED, self.now, replaced=True)
+                continue
+            self._became(label, KeptState.STARTING)
+            self._order(Do.START, label)
+        times = slower(self._load)
+        start_s = START_S * times * (PATIENT if self._slow else 1)
+        for label, process in self._kept.items():
+            up = process.state is KeptState.UP and process.pid
+            if self._is_router(process) and up and self.now - self._cut_at >= ROUTER_S * times:
+                self._cut_at = self.now
+                self._kill(label, f"it accepts no links, for {ROUTER_S * times:.0f} s")
+            elif not self.reachable and not self._is_router(process):
+                continue  # nobody can be seen
+            elif process.began_at is not None and self.now - process.began_at >= start_s:
+                process.began_at = None
+                self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
+            elif self.now - self._reported.get(process.pid, self.now) >= MONITOR_S * times:
+                del self._reported[process.pid]
+                self._kill(label, f"it watches, and has said nothing for {MONITOR_S * times:.0f} s")
+        if self.now >= self._share_at:
+            self._tell()
+        self._look_again()
+
+    def _is_router(self, process: _Process) -> bool:
+        return self.p.router in process.agents
+
+    def _keep_up(self) -> None:
+        """Hold back what the robot can do without while this machine cannot keep up."""
+        late = median(self._late)
+        if not self._slow and len(self._late) == LATE_OF and late > LATE_S:
+            self._slow = True
+            self._hold_until = self.now + HOLD_S * 2**self._holds
+            self._holds += 1
+            self._hold_back(late)
+        elif self._slow and late < LATE_S / 2 and self.now >= self._hold_until:
+            held, self._held, self._slow = self._held, [], False
+            again = f"; started again: {', '.join(held)}" if held else ""
+            self._order(Do.SAY, text=f"{self.p.host} keeps up again{again}")
+            for label in held:
+                self._became(label, KeptState.STARTING)
+                self._order(Do.START, label)
+
+    def _hold_back(self, late: float) -> None:
+        needed = set(self.p.needs)
+        self._held = [
+            label
+            for label, process in self._kept.items()
+            if needed and process.agents and not needed & set(process.agents)
+            if process.state is not KeptState.ENDED
+        ]
+        for label in self._held:
+            if self._kept[label].pid:
+                self._order(Do.END, label)
+            self._became(label, KeptState.WAITING, HELD)
+        held = f"; held back: {', '.join(self._held)}" if self._held else ""
+        text = (
+            f"{self.p.host} cannot keep up: processes run {late:.2f} s late, a cycle is"
+            f" {LATE_S:g} s (load {self._load:.1f} for each core){held}. End other"
+            " programs, use another host for some agents (--hosts), or do --without some"
+        )
+        self._order(Do.SAY, text=text)
+
+    def _look_again(self) -> None:
+        """Be woken for the next start, or the next share; by then who hangs at start is seen."""
+        due = self.supervision.wakeup
+        early = [self._heard_at] if self._early else []
+        self._due_at = min([self._share_at, *early, *([] if due is None else [due])])
+        self.wake_at(self._due_at)
+
+    def _became(self, label: str, state: KeptState, why: str = "") -> None:
+        process = self._kept[label]
+        process.state, process.why = state, why
+        self._tell()
+
+    def _tell(self, *, leaving: bool = False) -> None:
+        kept = tuple(
+            Kept(p.agents, p.state, p.pid, p.lent, line(p.why)) for p in self._kept.values()
+        )
+        can = tuple(name for name in self.p.can if not any(name in k.agents for k in kept))
+        needs = () if leaving else self.p.needs
+        self.publish(HostShare(self.instance, self.p.host, kept, can, needs, leaving, self._load))
+        self._share_at = self.now + SHARE_S
+        self._look_again()
+
+    def stop(self, now: float) -> None:
+        """Leave in order: nobody is to miss what was kept up here, unless it was given up."""
+        super().stop(now)
+        if not self.gave_up:
+            self._tell(leaving=True)
+
+
+def _asked(request: WakeupRequest) -> str:
+    """Why something is done, for people."""
+    return request.why or "somebody asked for it"

@@ -1,0 +1,57 @@
+"""How a trajectory changes hands: the robot drives on to where the new one begins (3.3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msgspec.structs import replace
+
+from armadico.core.exchange import AT_ONCE, EXCHANGES, Bid, Handover
+from armadico.core.messages import Action, encode
+from armadico.core.resources import Resource
+from armadico.mobile.messages import WAYPOINTS, Way
+from armadico.mobile.route import Route
+
+
+class MergingExchange:
+    """Trajectory merging (thesis 3.3.2, 3.6.1): the robot drives on to where the new way begins.
+
+    Who wants the trajectory has its way planned from a place on the way that is driven, some metres
+    ahead. Up to there the loser's waypoints are driven, so the robot does not stop.
+    """
+
+    def begin(
+        self,
+        resource: Resource,
+        loser: Action,
+        loser_utility: float,  # noqa: ARG002
+        bid: Bid,
+        period: float,  # noqa: ARG002
+    ) -> Handover:
+        """A way that begins elsewhere than on what is left of the loser's is driven at once."""
+        if not (isinstance(loser, bytes) and loser and isinstance(bid.action, bytes)):
+            return AT_ONCE
+        before, way = resource.unpack(loser), resource.unpack(bid.action)
+        if not (isinstance(before, Way) and isinstance(way, Way)):
+            return AT_ONCE
+        driven = Route(before.waypoints, before.start, before.leg)
+        common = driven.up_to(way.start.x, way.start.y)
+        if not common or len(common) + len(way.waypoints) > WAYPOINTS:
+            return AT_ONCE
+        joined = replace(way, waypoints=(*common, *way.waypoints), start=driven.leg_start, leg=0)
+        return _Merged(bid.action, encode(joined))
+
+
+@dataclass(frozen=True, slots=True)
+class _Merged:
+    """The way that was joined to the loser's, for as long as the winner wants this one."""
+
+    wanted: bytes
+    joined: bytes
+
+    def action(self, t: int, bid: Bid) -> Action:  # noqa: ARG002
+        wanted: Action = bid.action
+        return self.joined if wanted == self.wanted else wanted
+
+
+EXCHANGES["merging"] = MergingExchange()

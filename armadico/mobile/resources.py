@@ -1,0 +1,25 @@
+"""The resources of a mobile robot besides its wheels."""
+
+from __future__ import annotations
+
+import armadico.mobile.merging
+import armadico.mobile.obstacles  # noqa: F401 - their row
+from armadico.core.resources import Resource, declare
+from armadico.mobile.messages import PlanTask, Way
+
+TRAJECTORY = declare(
+    Resource(
+        name="trajectory",
+        message=Way,
+        exchange="merging",
+        period_s=0.5,
+        silence_s=30.0,  # who starts again within this finds its way still driven
+        stops=False,
+    )
+)
+"""Where the robot is driven. The interface agent has it driven for whoever holds this."""
+
+PLANNER = declare(
+    Resource(name="planner", message=PlanTask, exchange="abrupt", period_s=0.2, stops=False)
+)
+"""The path planning agent's attention: it plans for whoever holds this."""
