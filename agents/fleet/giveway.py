@@ -238,7 +238,7 @@ class GiveWay(Behaviour):
     def _may_drive(self) -> bool:
         """Whether the robot can enter a passage at all: otherwise it leaves it to others."""
         pose = self.fresh(Pose)
-        may = self.stopped is None and self.in_dock is None
+        may = self.stopped is None and not self.led
         return may and pose is not None and pose.deviation <= LOST_M
 
     def _utility(self, passage: int, away: float) -> float | None:
@@ -283,8 +283,8 @@ class GiveWay(Behaviour):
         """Stand, or back off, while the robot must not go on."""
         here = pose.x, pose.y, pose.theta
         self._stood_at = -inf
-        if not self.route.waypoints or self.in_dock is not None:
-            self.why = "no goal" if self.in_dock is None else "the robot is in a dock"
+        if not self.route.waypoints or self.led:
+            self.why = "the robot is in a dock" if self.led else "no goal"
             return None
         if self.sharing is None:
             self.why = "the map has no passages" if self.passages else "there is no map"

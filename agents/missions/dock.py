@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods.geometry import clip
-from armadico.agents.missions.messages import ChargeState
+from armadico.agents.missions.messages import ChargeState, ChargeStatus
 from armadico.core import agent
 from armadico.core.exchange import Bid
 from armadico.core.parameters import Safety
@@ -59,8 +59,8 @@ class Dock(Behaviour):
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Straight along the dock's line, in or out."""
-        p, said = self.p, self.in_dock
-        if said is None or said.dock is None:
+        p, said = self.p, self.fresh(ChargeStatus)
+        if said is None or not said.leads or said.dock is None:
             self.why = "nobody is to be charged"
             return None
         dock = (said.dock.x, said.dock.y, said.dock.theta)

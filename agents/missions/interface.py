@@ -18,7 +18,6 @@ from armadico.agents.missions.messages import (
     MissionProposal,
     MissionWithdrawal,
 )
-from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (
@@ -33,10 +32,11 @@ from armadico.core.messages import (
     next_count,
 )
 from armadico.core.resources import Resource
-from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.behaviour import LOST_M, driven_by
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
     WAYPOINTS,
+    ByHand,
     InitialPose,
     MissionReply,
     MissionRequest,
@@ -145,7 +145,7 @@ class Interface(Agent):
 
     name = "interface"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, TeleopStatus)
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, ByHand)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus, InitialPose)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
@@ -388,14 +388,14 @@ class Interface(Agent):
         self._see_placed(pose)
         if self._state is not MissionState.DRIVING:
             return
-        teleop = self.fresh(TeleopStatus)
+        person = driven_by(self)
         if pose.deviation > LOST_M:
             self._replans = WAS_LOST if self._plans else ""
             self._note = f"lost: +-{pose.deviation:.1f} m"
             self._count_anew()
-        elif teleop is not None and teleop.hand:
+        elif person:
             self._replans = self._replans or (BY_HAND if self._plans else "")
-            self._note = line(f"{teleop.hand} drives by hand")
+            self._note = line(f"{person} drives by hand")
             self._count_anew()
             self._route.advance(pose.x, pose.y)
         else:
@@ -419,9 +419,7 @@ class Interface(Agent):
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission that has the robot touch something at one place again and again."""
         begins, self._touches = state.stalled and not self._touches, state.stalled
-        teleop = self.fresh(TeleopStatus)
-        by_hand = teleop is not None and bool(teleop.hand)
-        if not begins or by_hand or self._state is not MissionState.DRIVING:
+        if not begins or driven_by(self) or self._state is not MissionState.DRIVING:
             return
         p, epoch = self.p, state.cycle.epoch
         self._contacts = [c for c in self._contacts if self.now - c[0] <= p.contacts_s]

@@ -24,7 +24,7 @@ from armadico.core.messages import (
     Volts,
 )
 from armadico.core.services import event, latch, query, state
-from armadico.mobile.messages import Joules, MissionReply, Waypoint
+from armadico.mobile.messages import Joules, Leading, MissionReply, Waypoint
 
 
 class ExploreRequest(Message, frozen=True):
@@ -101,7 +101,7 @@ class ChargeState(StrEnum):
     LEAVING = "leaving"
 
 
-class ChargeStatus(Message, frozen=True):
+class ChargeStatus(Leading, frozen=True):
     """The battery charger's report: of each cycle while the robot is driven into a dock or out."""
 
     cycle: Cycle
@@ -109,6 +109,11 @@ class ChargeStatus(Message, frozen=True):
     dock: Waypoint | None = None  # the pose of the robot in it; None: there is none
     name: Label = ""
     note: Text = ""
+
+    @property
+    def leads(self) -> bool:
+        """Into the dock, and out of it: an agent that follows a trajectory would turn beside it."""
+        return self.state in (ChargeState.DOCKING, ChargeState.LEAVING)
 
 
 class Alarm(Message, frozen=True):

@@ -18,6 +18,7 @@ from armadico.core.messages import (
     Turn,
 )
 from armadico.core.services import event, state
+from armadico.mobile.messages import ByHand
 
 # By hand ------------------------------------------------------------------------------------------
 
@@ -38,7 +39,7 @@ class Stick(Message, frozen=True):
     held: bool = True
 
 
-class TeleopStatus(Message, frozen=True):
+class TeleopStatus(ByHand, frozen=True):
     """The teleop agent's report: of each cycle while a hand is on the stick, else each second.
 
     Of two hands the first has it until it lets go, or is silent for 0.5 s: who reads another's name
@@ -54,6 +55,11 @@ class TeleopStatus(Message, frozen=True):
     w_max: Turn = 0.0
     waits: Annotated[tuple[Name, ...], Meta(max_length=8)] = ()  # hands that want it, too
     note: Text = ""  # why the robot does less than the stick says
+
+    @property
+    def driven_by(self) -> str:
+        """The hand that is on the stick."""
+        return self.hand
 
 
 event(Stick, "teleop/stick", "where a hand has the stick", rate_hz=10, fresh_cycles=3)

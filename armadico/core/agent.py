@@ -32,7 +32,7 @@ from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.latched import Memory
 from armadico.core.messages import Message
 from armadico.core.resources import Resource, declare, differently
-from armadico.core.services import CARD, Gathering, Kind, latched, service_of
+from armadico.core.services import CARD, Gathering, Kind, derived, latched, service_of
 
 M = TypeVar("M", bound=Message)
 
@@ -303,6 +303,11 @@ class Agent:
             return None
         return cast("M", message)
 
+    def each_fresh(self, base: type[M]) -> list[M]:
+        """The fresh messages of all kinds that derive from a base which it hears."""
+        found = (self.fresh(kind) for kind in derived(base))
+        return [cast("M", message) for message in found if message is not None]
+
     def ask(
         self,
         request: Message,
@@ -534,7 +539,7 @@ class Agent:
         """What it listens to, and what its social intelligence needs too."""
         triggers = cls.reacts_to.values() if isinstance(cls.reacts_to, Mapping) else [cls.reacts_to]
         kinds = [kind for kind in triggers if kind is not None and kind is not m.Ack]
-        kinds += [*cls.needs, *cls.hears]
+        kinds += [*cls.needs, *(kind for heard in cls.hears for kind in derived(heard))]
         if kinds or cls.provides or cls.competes_for or cls.owns:  # it lives by the robot's cycles
             kinds = [m.RobotState, m.Description, *kinds]
         kinds += [service.message for service in latched()]
@@ -574,7 +579,7 @@ class Agent:
     def _asks_for(self, to: Subscription) -> bool:
         """Whether it listens by its own wish, and not because everybody does."""
         everybodys = to.kind is Kind.LATCHED or to.message is m.Description
-        return not everybodys or to.message in self.hears or to.message in self.needs
+        return not everybodys or to.message in (*self.hears, *self.needs)
 
     def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
         """Change what is asked for, all or none, and tell what may be changed, as it is then."""

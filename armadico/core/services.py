@@ -10,6 +10,7 @@ its declaration (`armadico.core.resources.Resource`).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -156,6 +157,7 @@ def register(service: Service) -> Service:
         raise ValueError(f"{service.message.__name__} already travels on {known.key}")
     if known is None:
         _rows.append(service)
+        derived.cache_clear()
     _by_message[service.message] = service
     return service
 
@@ -226,6 +228,17 @@ def service_of(message: type[m.Message]) -> Service:
         ) from None
 
 
+@cache
+def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
+    """What a type stands for in an agent's `hears`: itself, or all installed that derive from it.
+
+    A base has no row of its own.
+    """
+    if kind in _by_message or not kind.__subclasses__():
+        return (kind,)
+    return tuple(row.message for row in services() if issubclass(row.message, kind))
+
+
 def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     """All rows of a message type; most have one. Raises KeyError if there is none."""
     rows = tuple(service for service in _rows if service.message is message)
@@ -251,6 +264,20 @@ def _row_at(key: str) -> Service | None:
 def latched() -> tuple[Service, ...]:
     """The rows of all latched states that are known."""
     return tuple(s for s in services() if s.kind is Kind.LATCHED)
+
+
+def message_types() -> list[type[m.Message]]:
+    """Every type of message that is installed, in the order of their modules; no base of others."""
+    modules = dict.fromkeys([m.__name__, *(row.message.__module__ for row in services())])
+    return [
+        kind
+        for name in modules
+        for kind in vars(sys.modules[name]).values()
+        if isinstance(kind, type)
+        and issubclass(kind, m.Message)
+        and kind.__module__ == name
+        and not kind.__subclasses__()
+    ]
 
 
 def matches(pattern: str, key: str) -> bool:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from armadico.agents.missions.messages import ChargeState, ChargeStatus
-from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, RobotState
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.mobile.messages import Pose, Trajectory
+from armadico.mobile.messages import ByHand, Leading, Pose, Trajectory
 from armadico.mobile.motion import Body, Speeds, ordered
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
@@ -37,6 +35,11 @@ less), and the share of it that is left just before it is lost. Not a share of t
 0.3 of a Jackal's 2 m/s would be no caution."""
 
 
+def driven_by(agent: Agent) -> str:
+    """Who drives by hand, of the agents that an agent hears (`ByHand`); empty: no person does."""
+    return next((each.driven_by for each in agent.each_fresh(ByHand) if each.driven_by), "")
+
+
 class Behaviour(Agent):
     """An agent that competes for the wheels while there is a trajectory to follow.
 
@@ -54,8 +57,8 @@ class Behaviour(Agent):
     hears: ClassVar[tuple[type[Message], ...]] = (
         Trajectory,
         Description,
-        ChargeStatus,
-        TeleopStatus,
+        Leading,
+        ByHand,
     )
     competes_for = (WHEELS,)
 
@@ -81,14 +84,9 @@ class Behaviour(Agent):
         return state.v, state.w
 
     @property
-    def in_dock(self) -> ChargeStatus | None:
-        """The charger's word, while it has the robot driven into a dock or out of it.
-
-        Nobody else drives then: what leads along a trajectory would turn beside the dock.
-        """
-        said = self.fresh(ChargeStatus)
-        docking = said is not None and said.state in (ChargeState.DOCKING, ChargeState.LEAVING)
-        return said if docking else None
+    def led(self) -> bool:
+        """Whether another agent leads the robot, as into a dock: no trajectory is driven then."""
+        return any(each.leads for each in self.each_fresh(Leading))
 
     def scene(self, obstacles: Obstacles) -> Scene:
         """What a wish is held against: the body, how it moves, and what is known around it.
@@ -166,8 +164,8 @@ class Behaviour(Agent):
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
         """Follow the route, and propose; a hand on the stick goes first, if nothing is critical."""
-        bid, said = self._proposed(), self.fresh(TeleopStatus)
-        if said is None or not said.hand or bid is None or bid.critical or bid.utility <= BY_HAND:
+        bid = self._proposed()
+        if bid is None or bid.critical or bid.utility <= BY_HAND or not driven_by(self):
             return bid
         return replace(bid, utility=BY_HAND)
 
@@ -178,7 +176,7 @@ class Behaviour(Agent):
         if self._waits and self.needs_goal and not self.seeks:
             self.why = "the mission waits: no way is free"
             return None
-        if self.needs_goal and not self.seeks and self.in_dock is not None:
+        if self.needs_goal and not self.seeks and self.led:
             self.why = "the robot is driven into a dock, or out of it"
             return None
         if self._body is None:

@@ -81,6 +81,24 @@ class InitialPose(Message, frozen=True):
     theta: Real
 
 
+class Leading(Message, frozen=True):
+    """Base of the state of an agent that leads the robot itself at times, as into a dock."""
+
+    @property
+    def leads(self) -> bool:
+        """Whether it does now: no other agent drives along the trajectory then."""
+        raise NotImplementedError
+
+
+class ByHand(Message, frozen=True):
+    """Base of the state of an agent by which a person drives."""
+
+    @property
+    def driven_by(self) -> str:
+        """The name of who drives now; empty: no person does."""
+        raise NotImplementedError
+
+
 class Echo(Message, frozen=True):
     """One sonar's reading: where the sonar sits and looks in the body frame, and the range."""
 

@@ -26,17 +26,11 @@ from armadico.core.messages import (
     line,
     plain,
 )
+from armadico.core.services import message_types
 from armadico.mobile.messages import Echo, MissionState, MissionStatus, Pose, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles
 
-KINDS = sorted(
-    (
-        kind
-        for kind in vars(m).values()
-        if isinstance(kind, type) and issubclass(kind, Message) and kind not in (Message, m.Latched)
-    ),
-    key=lambda kind: kind.__name__,
-)
+KINDS = sorted(message_types(), key=lambda kind: kind.__name__)
 
 WIRE = {
     "Ack": "resource cycle largest obeyed obeyed_cycle utility critical measured",

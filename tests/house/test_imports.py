@@ -120,7 +120,7 @@ ZENOH = {"armadico.mesh.zenoh", "armadico.bridge.ros2.rmw_zenoh"}
 TIED = {
     *("armadico.cli.doctor", "armadico.cli.page", "armadico.cli.progress", "armadico.cli.run"),
     *("armadico.config.scenarios", "armadico.launch.run", "armadico.launch.society"),
-    *("armadico.launch.virtual", "armadico.mobile.behaviour", "armadico.observe.measures"),
+    *("armadico.launch.virtual", "armadico.observe.measures"),
     *("armadico.observe.page.asked", "armadico.observe.page.known", "armadico.observe.page.model"),
     *("armadico.observe.view", "armadico.runtime.client"),
 }
@@ -183,7 +183,6 @@ WINGS -= {"methods"}
 
 REACHES: dict[str, set[str]] = {
     "assistant": {"missions"},
-    "missions": {"teleop"},
     "supervision": {"missions"},
 }
 """Which wing needs which other one; every other wing may go alone."""

@@ -29,9 +29,9 @@ from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
 from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, Log, Message, Stop, encode
-from armadico.core.services import TOKEN, Service, matches, services
+from armadico.core.services import TOKEN, Service, matches, message_types, services
 from armadico.mobile.messages import Truth
-from armadico_tools.docs_fields import fields_of, messages
+from armadico_tools.docs_fields import fields_of
 from armadico_tools.kept_results import outcomes, pairs, smoothness
 from armadico_tools.markdown import table
 from armadico_tools.transcripts.scenes import SCENES
@@ -181,7 +181,7 @@ def keys() -> str:
 def fields() -> str:
     """Every message: what it is, and its fields in the order of the wire."""
     parts = []
-    for kind in messages():
+    for kind in message_types():
         rows = (
             (str(f.index), f"`{f.name}`", f.type, f.default, f.meaning) for f in fields_of(kind)
         )

@@ -1,7 +1,7 @@
 """The messages as the protocol page shows them: each field's place, type, range and default.
 
 Ranges come from the annotations that `decode` checks by; what a field means, from the comment
-beside it, or the text below it, in `armadico.core.messages`.
+beside it, or the text below it, where the message is defined.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import Any, Final
 import msgspec
 from msgspec import inspect as types
 
-from armadico.core import messages as m
-from armadico.core.messages import Latched, Message
+from armadico.core.messages import Message
 
 COMMENT: Final = re.compile(r"^ {4}(\w+): .*?  # (.+)$", re.MULTILINE)
 
@@ -35,15 +34,6 @@ class Field:
     type: str
     default: str  # what an array that is too short stands for; empty: it must be there
     meaning: str
-
-
-def messages() -> list[type[Message]]:
-    """Every message, in the order of `core.messages`; the types that others share are none."""
-    return [
-        kind
-        for kind in vars(m).values()
-        if isinstance(kind, type) and issubclass(kind, Message) and kind not in (Message, Latched)
-    ]
 
 
 def fields_of(kind: type[Message]) -> list[Field]:

@@ -12,7 +12,7 @@ from typing import Final
 from msgspec import inspect as types
 
 from armadico.core.messages import LARGEST_PAYLOAD, PROTOCOL, Message
-from armadico_tools.docs_fields import messages
+from armadico.core.services import message_types
 
 HEAD: Final = f"""\
 ; Armadico's messages, protocol {PROTOCOL}. Written by `python -m armadico_tools.transcripts`.
@@ -33,7 +33,7 @@ RESERVED: Final = frozenset({"number", "text", "time", "any", "bytes", "float", 
 
 def schema() -> str:
     """All messages."""
-    kinds = messages()
+    kinds = message_types()
     first = "message = " + " /\n    ".join(kind.__name__ for kind in kinds)
     return HEAD + "\n\n".join([first, *(rule(kind) for kind in kinds)]) + "\n"
 

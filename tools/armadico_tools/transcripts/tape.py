@@ -17,14 +17,13 @@ from armadico.core import messages as m
 from armadico.core.agent import Agent, AskFor, Publish, Subscription
 from armadico.core.driver import Announce, Driver, Output, Reply
 from armadico.core.messages import Log, Message, checked, encode, plain
-from armadico.core.services import TOKEN, matches
+from armadico.core.services import TOKEN, matches, message_types
 from armadico.mesh.virtual import VirtualMesh
-from armadico_tools.docs_fields import messages
 from armadico_tools.transcripts.agents import Judge, Part
 
 Line = dict[str, Any]
 
-KINDS: Final = {kind.__name__: kind for kind in messages()}
+KINDS: Final = {kind.__name__: kind for kind in message_types()}
 """Every message, by its name."""
 
 
@@ -104,7 +103,7 @@ class Tape:
         self._sent: deque[Line | None] = deque()
         self._published: dict[int, tuple[Message, Line | None]] = {}
         self._tokens: dict[tuple[str, bool], Line] = {}
-        mesh.watch(self._watch, *(kind for kind in messages() if kind is not Log))
+        mesh.watch(self._watch, *(kind for kind in message_types() if kind is not Log))
 
     def add(self, line: Line) -> Line:
         """Write a line."""
