@@ -285,40 +285,39 @@ class ZenohMesh(Reader, Monotonic):
     def _begin(self, session: zenoh.Session) -> None:
         """Declare all that is to be declared, now that there is a session."""
         with self._lock:
-            if self._left.is_set():
-                _close(session)
-                return
-            self._opened, self._session = True, session
-            linked = _direct(lambda event: self._linked(session, event))
-            self._keep(session.info.declare_link_events_listener(linked, history=True))
-            if self._where.router:
-                self.router = str(session.info.zid())
-                key = ROUTER.format(id=self.router)
-                self._tokens[key] = session.liveliness().declare_token(self._rooted(key))
-            else:
-                where, root = self._placed(ROUTER.format(id="*"))
-                self._watch_tokens(session, where, root, self._router_token)
-            for declare in self._declarations:
-                declare(session)
-            self._joined.set()
+            left = self._left.is_set()
+            if not left:
+                self._declare_all(session)
+        if left:  # without the lock: closing waits for threads that may wait for it
+            _close(session)
+
+    def _declare_all(self, session: zenoh.Session) -> None:
+        """Declare it in a session, which is this mesh's from now on; the lock is held."""
+        self._opened, self._session = True, session
+        linked = _direct(lambda event: self._linked(session, event))
+        self._keep(session.info.declare_link_events_listener(linked, history=True))
+        if self._where.router:
+            self.router = str(session.info.zid())
+            key = ROUTER.format(id=self.router)
+            self._tokens[key] = session.liveliness().declare_token(self._rooted(key))
+        else:
+            where, root = self._placed(ROUTER.format(id="*"))
+            self._watch_tokens(session, where, root, self._router_token)
+        for declare in self._declarations:
+            declare(session)
+        self._joined.set()
 
     def _lose(self, session: zenoh.Session) -> None:
         """The link to the router is lost: open another session in place of this one."""
         if self._session is not session or self._left.is_set():
             return
-        self._session, kept, self._kept = None, self._kept, []
+        self._session = None
         self.router = ""
         self._joined.clear()
-        self._publishers.clear()
-        self._tokens.clear()
+        ending = self._ending(session)
         self._presence.link(False, self.now())
-
-        def close() -> None:
-            _close(session)
-            kept.clear()
-
         # The end of a program waits for it, as in `close`; Zenoh's threads would pass on `daemon`.
-        self._closing = threading.Thread(target=close, name="closing", daemon=False)
+        self._closing = threading.Thread(target=ending, name="closing", daemon=False)
         self._closing.start()
         self._start_seeking()
 
@@ -329,7 +328,7 @@ class ZenohMesh(Reader, Monotonic):
             return True
         # Closing may block for long, and there is no time-out to give it. The end of a program
         # waits for it: a thread that comes back to an interpreter that has ended aborts it.
-        closing = threading.Thread(target=_close, args=(session,), name="closing")
+        closing = threading.Thread(target=self._ending(session), name="closing")
         closing.start()
         closing.join(deadline)
         return not closing.is_alive()
@@ -360,7 +359,23 @@ class ZenohMesh(Reader, Monotonic):
             if thread is not None:
                 thread.join()
         if session is not None:
+            self._ending(session)()
+
+    def _ending(self, session: zenoh.Session) -> Callable[[], None]:
+        """What closes a session, and then frees all that was declared in it.
+
+        Left to the garbage collector, an object of Zenoh's is freed by whatever thread allocates
+        next, and waits for Zenoh's own thread, which may be waiting for a lock of that thread.
+        """
+        declared = (self._kept, self._publishers, self._tokens)
+        self._kept, self._publishers, self._tokens = [], {}, {}
+
+        def end() -> None:
             _close(session)
+            for each in declared:
+                each.clear()
+
+        return end
 
     # Talking -------------------------------------------------------------------------------------
 

@@ -2,11 +2,15 @@
 
 One thread is at work at a time: the one that takes, but while it waits. Then a transport's thread
 may do at once what it would have put, which saves waking another: `at_once`.
+
+A transport's thread never waits for a lock here. The thread that has it may be collecting garbage,
+and what it collects may need the transport: so two threads have waited for each other for ever.
 """
 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -23,8 +27,9 @@ class Inbox:
     def __init__(self, time: Time | None = None) -> None:
         """Empty; `time` is what passes while one waits, the machine's if it is not given."""
         self._time = Monotonic() if time is None else time
+        self._arrived: deque[tuple[str, Item, int]] = deque()  # not yet in the mailbox
         self._mailbox: Mailbox[Item] = Mailbox()
-        self._guard = threading.Lock()
+        self._guard = threading.Lock()  # of the mailbox, and of taking what has arrived
         # A bell, not a condition: it stays rung until the waiting thread takes it.
         self._bell = threading.Lock()
         self._bell.acquire()
@@ -35,17 +40,25 @@ class Inbox:
 
     def put(self, key: str, call: Callable[..., None], *args: Any, keep: int = EVENTS) -> None:
         """Queue a call on a key; `keep` 1 keeps the latest of it only."""
-        with self._guard:
-            self._mailbox.put(key, (call, args), keep)
+        self._arrived.append((key, (call, args), keep))
+        # Once more after each release: a thread that finds the guard taken leaves its item there.
+        while self._arrived and self._guard.acquire(blocking=False):
+            try:
+                self._sort()
+            finally:
+                self._guard.release()
         self._ring()
+
+    def _sort(self) -> None:
+        """Put what has arrived into the mailbox; the guard is held."""
+        while self._arrived:
+            self._mailbox.put(*self._arrived.popleft())
 
     def at_once(self) -> bool:
         """Whether nothing waits and nobody is at work: then the caller is, until `done`."""
         if self._back or not self._work.acquire(blocking=False):
             return False
-        with self._guard:
-            waits = bool(self._mailbox)
-        if waits or self._back:
+        if self._arrived or self._mailbox or self._back:
             self._work.release()
             return False
         return True
@@ -98,4 +111,5 @@ class Inbox:
 
     def _pop(self) -> Item | None:
         with self._guard:
+            self._sort()
             return self._mailbox.take()

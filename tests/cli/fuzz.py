@@ -26,6 +26,7 @@ from typing import Any, NoReturn
 import armadico
 import armadico_tools
 from armadico import __main__, cli
+from armadico.bridge.ros2.addresses import join, read_address
 from armadico.cli import pool
 from armadico.cli.options import FailedError
 from armadico.config.discovery import AGENTS, COMMANDS, installed
@@ -96,6 +97,8 @@ def main(seed: str, cases: str, *names: str) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.signal(signal.SIGALRM, signal.default_int_handler)
     _cut_off()
+    with contextlib.suppress(OSError):  # DDS describes its types once; nor can that go on halfway
+        join(read_address("ros2://"), "warm").close()
     _put_files()
     rng = random.Random(int(seed))
     for name, found in installed(COMMANDS).items():

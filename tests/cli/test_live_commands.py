@@ -399,7 +399,8 @@ def test_a_goal_given_too_early_waits_and_a_robot_that_stands_is_explained(
         assert sent.stdout is not None
         assert sent.stderr is not None
         try:
-            assert "waiting for the society to start: nobody knows where" in sent.stderr.readline()
+            waits = "waiting for the society to start: nobody knows where"
+            assert any(waits in line for line in sent.stderr)  # on a busy machine it says more
             start("encoder", program="armadico-agent")
             said = next((line for line in sent.stdout if "->" in line), "")
             assert "m to go, No agent that competes for wheels is alive." in said

@@ -190,3 +190,35 @@ def test_what_waits_goes_before_what_comes() -> None:
     inbox.put("test", print)
     inbox._work.release()  # as if it were just about to take
     assert not inbox.at_once()
+
+
+class Held(str):
+    """A key that is looked into while its mailbox is being taken from: something runs then."""
+
+    __slots__ = ("during",)
+    during: Callable[[], None]
+
+    def rpartition(self, sep: str | None, /) -> tuple[str, str, str]:  # type: ignore[override]
+        self.during()
+        return super().rpartition(sep or "/")
+
+
+def test_a_transport_never_waits_for_whoever_takes() -> None:
+    inbox, taken = Inbox(), []
+    key = Held("first")
+    key.during = lambda: None
+    inbox.put(key, taken.append, 1)
+
+    def during() -> None:
+        putting = threading.Thread(target=inbox.put, args=("second", taken.append, 2))
+        putting.start()
+        putting.join(SOON)
+        taken.append("waits" if putting.is_alive() else "has put")
+
+    key.during = during
+    for _ in range(2):
+        item = inbox.take(SOON)
+        assert item is not None
+        call, args = item
+        call(*args)
+    assert taken == ["has put", 1, 2]
