@@ -26,8 +26,8 @@ def main(argv: Sequence[str]) -> int:
     from armadico.agents.assistant.mcp_answers import Society  # noqa: PLC0415
     from armadico.agents.assistant.mcp_lines import Lines  # noqa: PLC0415
     from armadico.agents.assistant.mcp_server import Server  # noqa: PLC0415
-    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415
     from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
+    from armadico.config.errands import load_mission  # noqa: PLC0415
     from armadico.config.scenarios import society as standard  # noqa: PLC0415
     from armadico.config.shipped import names  # noqa: PLC0415
     from armadico.observe.watching import Watcher  # noqa: PLC0415

@@ -16,7 +16,7 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.explained import Collision, Exchange, Press
 from armadico.observe.standing import Installed, standing
-from armadico.observe.view import agent_of, at_work
+from armadico.observe.view import agent_of
 from armadico.observe.why import Chronicle
 
 RECORDS: Final = 200
@@ -88,7 +88,7 @@ class Society(Chronicle):
             mission = view.mission
             found["mission"] = {
                 "number": str(mission.mission),
-                "state": mission.state.value,
+                "state": mission.state,
                 "to_go": round(mission.to_go, 2),
                 "note": mission.note,
             }
@@ -137,19 +137,18 @@ class Society(Chronicle):
 
     def missions(self) -> dict[str, Any]:
         """Those that can be ordered, and those of the board."""
-        board = self.view.board
         return {
             "available": [{"name": name, "title": what} for name, what in self._missions.items()],
             "board": [
                 {
-                    "number": str(mission.mission),
+                    "number": str(mission.number),
                     "name": mission.name,
-                    "state": mission.state.value,
+                    "state": mission.state,
                     "by": mission.by,
-                    "doing": at_work(mission),
+                    "doing": mission.summary,
                     "note": mission.note,
                 }
-                for mission in (() if board is None else board.missions)
+                for mission in self.view.missions
             ],
         }
 

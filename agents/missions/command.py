@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options, progress, run, run_options
+from armadico.cli import options, run, run_options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def _log(args: argparse.Namespace) -> int:
         for mission in chosen:
             print(words(mission))
             for result in mission.course.results:
-                print(f"  {result.at:8.1f} s  {progress.step_told(result)}")
+                print(f"  {result.at:8.1f} s  {options.shown(str(result))}")
         if not chosen:
             print("no missions")
     return 0
@@ -213,7 +213,7 @@ def _cancel(args: argparse.Namespace) -> int:
         if args.name is not None:
             board = _board(client)
             chosen = _chosen(() if board is None else board.missions, args.name)
-            numbers = [mission.mission for mission in chosen if not _over(mission)]
+            numbers = [mission.mission for mission in chosen if not mission.over]
             if not numbers:
                 raise FailedError(f"{args.name}: it is over already")
         for number in numbers:
@@ -261,17 +261,11 @@ def _chosen(missions: Sequence[BoardMission], named: str) -> list[BoardMission]:
     return found
 
 
-def _over(mission: BoardMission) -> bool:
-    return mission.state.value in ("done", "failed", "cancelled")  # as on the wire
-
-
 def words(mission: BoardMission) -> str:
     """A mission of the board in a line."""
-    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
-
     line = f"{mission.name:16} {mission.priority:.1f}  {mission.state.value:10} {mission.mission}"
-    doing = "" if _over(mission) else f"  {at_work(mission)}"
-    note = f"  {mission.note}" if mission.note and _over(mission) else ""
+    doing = "" if mission.over else f"  {mission}"
+    note = f"  {mission.note}" if mission.note and mission.over else ""
     return options.shown(f"{line}{doing}{note}")
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options, run, run_options
 from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.agents.missions.messages import ExploreRequest
+    from armadico.config.scenarios import Scenario
 
 EXAMPLES: Final = """\
   armadico explore house --virtual --seed 7             in one process, repeatable
@@ -83,3 +87,14 @@ def _check(args: argparse.Namespace) -> None:
             grid_map.check_writable(args.map)
         except OSError as error:
             raise FailedError(f"cannot write {args.map}: {error.strerror}") from None
+
+
+def exploration(scenario: Scenario) -> ExploreRequest:
+    """What sends the robot off to explore a scenario's world, of which it knows the bounds only."""
+    from armadico.agents.missions.messages import ExploreRequest  # noqa: PLC0415 - not for --help
+    from armadico.config.worlds import load_world  # noqa: PLC0415
+    from armadico.mobile.messages import Waypoint  # noqa: PLC0415
+
+    assert scenario.goal is not None, "it ends somewhere"
+    within = scenario.within or load_world(scenario.world).bounds
+    return ExploreRequest(*within, Waypoint(*scenario.goal))

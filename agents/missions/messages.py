@@ -7,6 +7,7 @@ from typing import Annotated, Final
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico.core.messages import (
     LARGEST,
@@ -24,10 +25,11 @@ from armadico.core.messages import (
     Volts,
 )
 from armadico.core.services import event, latch, query, state
+from armadico.mobile.errand import Errands, Order, Progress, StepDone
 from armadico.mobile.messages import Joules, Leading, MissionReply, Waypoint
 
 
-class ExploreRequest(Message, frozen=True):
+class ExploreRequest(Order, frozen=True):
     """Map what can be reached in a rectangle of the world, and come back to where it began."""
 
     x1: Real
@@ -35,6 +37,11 @@ class ExploreRequest(Message, frozen=True):
     x2: Real
     y2: Real
     home: Waypoint | None = None  # where it ends; null: where the robot is now
+
+    @property
+    def asks_for(self) -> str:
+        """What its kind is called."""
+        return "explorations"
 
 
 class ExploreState(StrEnum):
@@ -47,7 +54,7 @@ class ExploreState(StrEnum):
     FAILED = "failed"
 
 
-class ExploreStatus(Message, frozen=True):
+class ExploreStatus(Errands, frozen=True):
     """The explore agent's report: `exploration` is the number that its request was answered."""
 
     exploration: Bits64
@@ -56,6 +63,21 @@ class ExploreStatus(Message, frozen=True):
     places: Counter = 0  # that it has set out for
     given_up: Counter = 0  # of those, not reached
     note: Text = ""
+
+    @property
+    def errands(self) -> tuple[Progress, ...]:
+        """The exploration that it is about."""
+        why = f": {self.note}" if self.note else ""
+        return (
+            Progress(
+                self.exploration,
+                state=self.state.value,
+                over=self.state in (ExploreState.DONE, ExploreState.FAILED),
+                failed=self.note if self.state is ExploreState.FAILED else "",
+                summary=f"exploration {self.state.value}{why}; {self.known:.1f} m^2 known,"
+                f" {self.places} places driven to, {self.given_up} of them not reached",
+            ),
+        )
 
 
 class BatteryAlarm(Message, frozen=True):
@@ -208,6 +230,14 @@ class StepResult(Message, frozen=True):
     said: Text = ""
     at: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that the mission was at work by then
 
+    def __str__(self) -> str:
+        return str(self.done)
+
+    @property
+    def done(self) -> StepDone:
+        """As of any errand."""
+        return StepDone(self.step, self.end.value, self.said, self.at)
+
 
 class Course(Message, frozen=True):
     """How far a mission has come: all that is needed to go on with it."""
@@ -231,6 +261,14 @@ class MissionEnd(StrEnum):
     CANCELLED = "cancelled"
 
 
+ENDS: Final = {
+    MissionEnd.DONE: "",
+    MissionEnd.FAILED: "it failed",
+    MissionEnd.CANCELLED: "it was cancelled",
+}
+"""How a mission ends, and why it is not done."""
+
+
 class BoardMission(Message, frozen=True):
     """One mission of the board."""
 
@@ -249,8 +287,41 @@ class BoardMission(Message, frozen=True):
     note: Text = ""
     way: Bits64 = 0  # on which its task has the robot driven; 0: on none
 
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        return self.state in ENDS
 
-class Board(Latched, frozen=True):
+    def __str__(self) -> str:
+        """In half a line: how many steps are done, and what it does now."""
+        done = sum(result.end is StepEnd.DONE for result in self.course.results)
+        words = [f"{done} done", self.doing or self.state.value]
+        words += [f"{len(self.ahead)} to come"] if self.ahead else []
+        return ", ".join([*words, *filter(None, [self.note])])
+
+    @property
+    def progress(self) -> Progress:
+        """How far it has come, as of any errand."""
+        why = ENDS.get(self.state, "")
+        return Progress(
+            self.mission,
+            over=self.over,
+            failed=": ".join(filter(None, [why, self.note])) if why else "",
+            note=self.note,
+            summary=str(self),
+            name=self.name,
+            state=self.state.value,
+            priority=self.priority,
+            by=self.by,
+            active=self.state is MissionEnd.ACTIVE,
+            doing=self.doing,
+            room=self.room,
+            ahead=self.ahead,
+            steps=tuple(each.done for each in self.course.results),
+        )
+
+
+class Board(Latched, Errands, frozen=True):
     """All that mission planning knows: its missions, those that are over last.
 
     At most one of them is active.
@@ -267,8 +338,13 @@ class Board(Latched, frozen=True):
         """Counted each time it is published."""
         return self.counter, self.by
 
+    @property
+    def errands(self) -> tuple[Progress, ...]:
+        """Its missions."""
+        return tuple(each.progress for each in self.missions)
 
-class MissionOrder(Message, frozen=True):
+
+class MissionOrder(Order, frozen=True):
     """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib).
 
     `mission` is its number, drawn at random by whoever orders it: ordered again it is the same
@@ -280,6 +356,14 @@ class MissionOrder(Message, frozen=True):
     priority: Share | None = None  # none: its own
     by: Label = ""
     mission: Bits64 = 0
+
+    def numbered(self, number: int) -> MissionOrder:
+        """With its number: an order that was refused is withdrawn, and counts as over."""
+        return replace(self, mission=number)
+
+    def withdrawal(self) -> MissionCancel:
+        """Cancels it."""
+        return MissionCancel(self.mission, self.by)
 
 
 class MissionProposal(Message, frozen=True):

@@ -9,6 +9,7 @@ that call themselves, places that cannot be got to.
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
-from armadico.agents.missions.messages import Told
+from armadico.agents.missions.messages import MissionOrder, Told
 from armadico.agents.missions.task import Task
 from armadico.config.discovery import TASKS, UnknownNameError, installed, unknown
 from armadico.config.discovery import load as load_installed
@@ -118,6 +119,21 @@ class Mission(Struct, frozen=True):
     energy: str = "charge"
     """What is done before a way that the battery will not do for: charge, risk or fail."""
     text: str = ""
+
+    @property
+    def does(self) -> frozenset[str]:
+        """The names of all tasks that it may do, and of its own procedures."""
+        left = [step for procedure in self.procedures.values() for step in procedure.steps]
+        found = {self.on_alarm}
+        while left:
+            step = left.pop()
+            found.add(step.do)
+            left += step.otherwise
+        return frozenset(found)
+
+    def order(self, priority: float | None, by: str) -> MissionOrder:
+        """What asks for it; without a priority it has its own."""
+        return MissionOrder(self.name, zlib.compress(self.text.encode()), priority, by)
 
 
 class _Head(Struct, frozen=True, forbid_unknown_fields=True):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from armadico.core.messages import LONGEST_TENURE, Counter, Message, Name, Text
+from armadico.core.messages import Counter, Message, Name, Text
 from armadico.core.services import query, state
 
 # Hosts, and who looks after the society -----------------------------------------------------------
@@ -77,16 +77,5 @@ class WakeupReply(Message, frozen=True):
     refusal: Text = ""
 
 
-class MonitorReport(Message, frozen=True):
-    """What a monitor sees of the society, and whether it is the one that acts (thesis 3.8.2)."""
-
-    instance: Name
-    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)]  # as on its card
-    acts: bool
-    missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
-    note: Text = ""  # what it has done last, or what the society lacks
-
-
 state(HostShare, "wakeup/{instance}/share", 1, None, "what a host keeps up, and could")
 query(WakeupRequest, "wakeup/{instance}", WakeupReply, "start, restart or end an agent on a host")
-state(MonitorReport, "monitor/{instance}", 1, None, "who is missing, and who acts")

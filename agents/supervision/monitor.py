@@ -33,7 +33,6 @@ from armadico.agents.supervision.messages import (
     HostShare,
     Kept,
     KeptState,
-    MonitorReport,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
@@ -41,7 +40,15 @@ from armadico.agents.supervision.messages import (
 from armadico.core import agent
 from armadico.core.agent import ERROR, INFO, WARNING, Agent
 from armadico.core.membership import LITTLE
-from armadico.core.messages import LABEL, LONGEST_TENURE, Card, Message, RobotState, line
+from armadico.core.messages import (
+    LABEL,
+    LONGEST_TENURE,
+    Card,
+    Message,
+    MonitorReport,
+    RobotState,
+    line,
+)
 from armadico.core.restart_policy import slower
 from armadico.core.services import Kind, matches, service_of, services
 from armadico.mobile.messages import Trajectory

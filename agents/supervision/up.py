@@ -147,7 +147,7 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
 
     if not _is_mission(args.scenario):
         return on_mission(load_scenario(args.scenario))
-    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415
+    from armadico.config.errands import load_mission  # noqa: PLC0415
     from armadico.config.shipped import counted_from  # noqa: PLC0415
 
     mission = load_mission(args.scenario)

@@ -26,14 +26,13 @@ from armadico.agents.supervision.messages import (
     HostShare,
     Kept,
     KeptState,
-    MonitorReport,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
 )
 from armadico.core import agent
 from armadico.core.agent import DeviceAgent, Question
-from armadico.core.messages import LABEL, Card, Message, line
+from armadico.core.messages import LABEL, Card, Message, MonitorReport, line
 from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision, slower
 
 CARD_S: Final = 0.5

@@ -18,9 +18,8 @@ from armadico.config.discovery import providers
 from armadico.mesh.topology import MeshError, TopologyError
 
 if TYPE_CHECKING:
-    from armadico.agents.supervision.messages import MonitorReport
     from armadico.config.hosts import Host
-    from armadico.core.messages import Card, RobotState
+    from armadico.core.messages import Card, MonitorReport, RobotState
     from armadico.mobile.messages import BatteryLevel, Pose
     from armadico.observe.standing import Standing
 

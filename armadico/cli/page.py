@@ -86,7 +86,7 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Host
 
 def missions() -> dict[str, Shipped]:
     """The missions that come with Armadico, by name."""
-    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415 - not for --help
+    from armadico.config.errands import load_mission  # noqa: PLC0415 - not for --help
     from armadico.config.shipped import names  # noqa: PLC0415
     from armadico.observe.page.asked import Shipped  # noqa: PLC0415
 

@@ -12,7 +12,6 @@ from armadico.cli import options
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
-    from armadico.agents.missions.messages import ExploreStatus, StepResult
     from armadico.observe.measures import RunWatch
 
 LINE_S: Final = 2.0
@@ -41,7 +40,7 @@ def shown(label: str) -> Iterator[Callable[[RunWatch], None]]:
 def come(watch: RunWatch) -> tuple[float, float]:
     """How far it has come, and of how much: tasks of a mission, else metres."""
     if watch.tasks is not None:
-        done = float(len(watch.tasks.course.results))
+        done = float(len(watch.tasks.steps or ()))
         return done, done + len(watch.tasks.ahead) + bool(watch.tasks.doing)
     mission = watch.view.mission
     to_go = 0.0 if mission is None else mission.to_go
@@ -75,11 +74,10 @@ class _Lines:
 def remark(watch: RunWatch) -> str:
     """Distance to go and what keeps it, who holds the wheels, speed, battery."""
     from armadico.core.hands import release  # noqa: PLC0415 - not for --help
-    from armadico.observe.view import at_work  # noqa: PLC0415
 
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:
-        to_go = options.shown(at_work(watch.tasks))
+        to_go = options.shown(watch.tasks.summary)
     elif mission is None:
         to_go = "no word of the mission"
     else:
@@ -94,18 +92,3 @@ def remark(watch: RunWatch) -> str:
     holder = options.shown(watch.holder or "nobody")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
     return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"
-
-
-def step_told(result: StepResult) -> str:
-    """What came of one step of a mission, in a line."""
-    said = f": {result.said}" if result.said else ""
-    return options.shown(f"{result.step} {result.end.value}{said}")
-
-
-def explored(status: ExploreStatus) -> str:
-    """An exploration in one line."""
-    note = f": {options.shown(status.note)}" if status.note else ""
-    return (
-        f"exploration {status.state.value}{note}; {status.known:.1f} m^2 known,"
-        f" {status.places} places driven to, {status.given_up} of them not reached"
-    )

@@ -180,11 +180,11 @@ def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: 
     drive, faults = _virtual if args.virtual else _live, list[str]()
     watch = drive(args, scenario, replace(chosen, seed=seed), faults.append)
     run = Run.of(scenario, watch)
-    if watch.explored is not None:
-        options.say(progress.explored(watch.explored))
+    if watch.errand is not None and watch.tasks is None:
+        options.say(options.shown(watch.errand.summary))
     if watch.tasks is not None and args.runs is None:
-        for result in watch.tasks.course.results:
-            options.say(f"{result.at:8.1f} s  {progress.step_told(result)}")
+        for step in watch.tasks.steps or ():
+            options.say(f"{step.at:8.1f} s  {options.shown(str(step))}")
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)

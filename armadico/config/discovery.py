@@ -30,6 +30,15 @@ COMMANDS: Final = "armadico.commands"
 TASKS: Final = "armadico.tasks"
 """What the steps of missions ask for."""
 
+MISSIONS: Final = "armadico.missions"
+"""What reads the file of a mission."""
+
+ERRANDS: Final = "armadico.errands"
+"""By the plan of a scenario, what orders it."""
+
+GUESTS: Final = "armadico.guests"
+"""What takes part in a run besides the agents, as the alarms of a building."""
+
 TRANSPORTS: Final = "armadico.transports"
 """By the scheme of an address: what opens it as a device agent's port."""
 

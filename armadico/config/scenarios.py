@@ -16,9 +16,9 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from armadico.agents.missions.mission_file import Mission, load_mission
 from armadico.config.discovery import AGENTS, UnknownNameError
 from armadico.config.discovery import find as find_installed
+from armadico.config.errands import Mission, load_mission
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text

@@ -554,6 +554,16 @@ class Log(Message, frozen=True):
     event: Label = ""  # as in `LogEvent`: commands refused, slowed, unfit; or an agent's own
 
 
+class MonitorReport(Message, frozen=True):
+    """What a monitor sees of the society, and whether it is the one that acts (thesis 3.8.2)."""
+
+    instance: Name
+    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)]  # as on its card
+    acts: bool
+    missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
+    note: Text = ""  # what it has done last, or what the society lacks
+
+
 class JournalPiece(Message, frozen=True):
     """A piece of an agent's journal: what entered and left it, in order (`core.journal`).
 

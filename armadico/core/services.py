@@ -119,6 +119,7 @@ _rows: list[Service] = [
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "it was changed"),
     Service(m.Tuning, "tuning", _L, None, None, "all that was changed so, remembered"),
+    Service(m.MonitorReport, "monitor/{instance}", _S, 1, None, "who is missing, and who acts"),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
     Service(
         m.JournalPiece,

@@ -8,13 +8,12 @@ It decides nothing: kill it and the society drives on.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from armadico.agents.missions.messages import Alarm, BoardMission
-from armadico.config.discovery import agent_class, owners
-from armadico.config.scenarios import AlarmAt, Scenario, mission_of
+from armadico.config.discovery import GUESTS, agent_class, installed, owners
+from armadico.config.scenarios import Scenario, mission_of
 from armadico.config.worlds import bare, load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
@@ -24,7 +23,7 @@ from armadico.launch.society import LIVE, Options, errand, names, time_limit, wa
 from armadico.mesh.base import Mesh
 from armadico.mobile.behaviour import Behaviour
 from armadico.mobile.messages import Correction, Pose
-from armadico.observe.measures import WATCHED, Result, RunWatch
+from armadico.observe.measures import Result, RunWatch, watched
 from armadico.runtime.client import Client
 from armadico.runtime.errors import RunFailedError
 
@@ -45,33 +44,6 @@ def _drives(name: str) -> bool:
     """Whether an agent contends for the wheels of a robot that knows where it is."""
     kind = agent_class(name)
     return WHEELS in kind.competes_for and not (issubclass(kind, Behaviour) and kind.seeks)
-
-
-class Building:
-    """The alarms of a scenario's building: a guest of the society, that rings when it is time."""
-
-    def __init__(self, alarms: Sequence[AlarmAt]) -> None:
-        self._to_come = list(alarms)
-        self._to_end: list[tuple[float, str]] = []
-
-    def due(self, elapsed: float, mission: BoardMission | None) -> Iterator[Alarm]:
-        """Those that begin or end by now, s since the run began, each once."""
-        for alarm in [alarm for alarm in self._to_come if _begins(alarm, elapsed, mission)]:
-            self._to_come.remove(alarm)
-            if alarm.lasts_s is not None:
-                self._to_end.append((elapsed + alarm.lasts_s, alarm.room))
-            yield Alarm(alarm.room)
-        for end in [end for end in self._to_end if end[0] <= elapsed]:
-            self._to_end.remove(end)
-            yield Alarm(end[1], on=False)
-
-
-def _begins(alarm: AlarmAt, elapsed: float, mission: BoardMission | None) -> bool:
-    if alarm.at_s is not None:
-        return elapsed >= alarm.at_s
-    if mission is None or mission.doing.partition("(")[0] != alarm.during:
-        return False
-    return alarm.within in (None, mission.room)
 
 
 class Run:
@@ -102,7 +74,7 @@ class Run:
         self.limit = time_limit(0.0, options)
         self._warn: Callable[[str], None] = lambda _: None
         self._warned = ""
-        self._alarms = Building(scenario.alarms)
+        self._guests = [found.load()(scenario) for found in installed(GUESTS).values()]
 
     def start(self) -> None:
         """See that all agents are alive. Raises RunFailedError if one is not."""
@@ -144,8 +116,9 @@ class Run:
         end = begun + self.limit  # and not what is left of it: that may be too little to be added
         while not self.watch.done and now() < end:
             self.wait(min(self.step_s, end - now()))
-            for alarm in self._alarms.due(now() - begun, self.watch.tasks):
-                self.client.publish(alarm)
+            for guest in self._guests:
+                for message in guest.due(now() - begun, self.watch.errand):
+                    self.client.publish(message)
             if progress is not None:
                 progress(self.watch)
             if not self.goes_on(now() - begun):
@@ -215,7 +188,7 @@ class LiveRun(Run):
         self._silent_s = silent_s
         self._idle_s = idle_s
         self._strangers: set[str] = set()
-        self.client.listen(*WATCHED, then=self.watch.show)
+        self.client.listen(*watched(), then=self.watch.show)
         self._unfit = ""
         self.client.listen(Log, then=lambda log, _: self._hear_log(log))
 

@@ -6,7 +6,6 @@ The same list is launched as real processes (`armadico.launch.local`) or put on 
 
 from __future__ import annotations
 
-import zlib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,13 +15,12 @@ from pathlib import Path
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from armadico.agents.missions.messages import ExploreRequest, MissionOrder
-from armadico.agents.missions.mission_file import Mission
-from armadico.agents.supervision.needs import minimum, needs, tasks
-from armadico.config.discovery import AGENTS, agent_class, find, installed, owners
+from armadico.config.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
+from armadico.config.errands import Mission
 from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
+from armadico.config.needs import minimum, needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -45,6 +43,7 @@ from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.topology import DEFAULT_NAMESPACE
+from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
@@ -309,17 +308,15 @@ def processes(
     return found
 
 
-def errand(
-    scenario: Scenario, options: Options
-) -> MissionRequest | MissionOrder | ExploreRequest | None:
-    """What the interface agent is asked for, or the explore agent; None: nobody is sent off."""
+def errand(scenario: Scenario, options: Options) -> Order | None:
+    """What the robot is sent off for; None: it is not."""
     tasks = mission_of(scenario)
     if tasks is not None:
-        packed = zlib.compress(tasks.text.encode())
-        return MissionOrder(tasks.name, packed, options.priority, "armadico mission run")
-    if scenario.plan == "frontiers" and scenario.goal is not None:
-        within = scenario.within or load_world(scenario.world).bounds
-        return ExploreRequest(*within, _waypoint(scenario.goal))  # and nothing that is in it
+        return tasks.order(options.priority, "armadico mission run")
+    ordering = installed(ERRANDS).get(scenario.plan or "")
+    if ordering is not None and scenario.goal is not None:
+        order: Order = ordering.load()(scenario)
+        return order
     return mission(scenario)
 
 

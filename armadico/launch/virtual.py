@@ -33,7 +33,7 @@ from armadico.launch.society import (
 from armadico.mesh.virtual import Device, Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.measures import WATCHED, Result, RunWatch
+from armadico.observe.measures import Result, RunWatch, watched
 from armadico.runtime.blame import blaming
 from armadico.runtime.client import Client
 
@@ -80,7 +80,7 @@ class Rehearsal(Run):
         super().__init__(scenario, options, Client(VirtualSession(self.mesh, self.namespace)))
         # At the moment of publication: what is measured has been nowhere on the way.
         where = self.namespace
-        self.mesh.watch(self._show, *WATCHED, namespace=where)
+        self.mesh.watch(self._show, *watched(), namespace=where)
         self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log, namespace=where)
         factory = find(SIMULATORS, society().simulator).load()
         self.robot = factory(scenario, self._stream, self._publish)

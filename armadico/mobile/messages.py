@@ -31,6 +31,7 @@ from armadico.core.messages import (
     Volts,
 )
 from armadico.core.services import event, latch, query, state
+from armadico.mobile.errand import Order
 
 RAYS: Final = 2048
 """Of a laser's scan at the most."""
@@ -327,7 +328,7 @@ class Way(Message, frozen=True):
     planned: bool = True
 
 
-class MissionRequest(Message, frozen=True):
+class MissionRequest(Order, frozen=True):
     """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
 
     goal: Waypoint

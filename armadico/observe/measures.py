@@ -11,20 +11,13 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import degrees, hypot, radians
-from typing import Final
 
 from msgspec import Struct
 
-from armadico.agents.missions.messages import (
-    Board,
-    BoardMission,
-    ExploreState,
-    ExploreStatus,
-    MissionEnd,
-    StepResult,
-)
 from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState
 from armadico.core.resources import WHEELS
+from armadico.core.services import derived
+from armadico.mobile.errand import Errands, Progress, StepDone
 from armadico.mobile.geometry import Pose2, to_world, wrap
 from armadico.mobile.messages import (
     BatteryLevel,
@@ -60,20 +53,16 @@ WATCHED: tuple[type[Message], ...] = (
     Claim,
     MissionStatus,
     BatteryLevel,
-    ExploreStatus,
-    Board,
+    Errands,
     OccupancyGrid,
     Trajectory,
 )
-"""What a `RunWatch` wants to be shown."""
+"""What a `RunWatch` wants to be shown; a base stands for all that derive from it."""
 
 
-ENDS: Final = {
-    MissionEnd.DONE: "",
-    MissionEnd.FAILED: "it failed",
-    MissionEnd.CANCELLED: "it was cancelled",
-}
-"""How a mission of several tasks ends, and why it is not done."""
+def watched() -> tuple[type[Message], ...]:
+    """All of it that is installed."""
+    return tuple(kind for base in WATCHED for kind in derived(base))
 
 
 class TaskResult(Struct, frozen=True):
@@ -141,8 +130,8 @@ class Result(Struct, frozen=True):
         )
 
 
-def _told(result: StepResult) -> TaskResult:
-    return TaskResult(result.step, result.end.value, result.said, round(result.at, 3))
+def _row(done: StepDone) -> TaskResult:
+    return TaskResult(done.step, done.end, done.note, round(done.at, 3))
 
 
 def _own(truth: Truth) -> int:
@@ -185,8 +174,7 @@ class RunWatch:
     failed: str = ""  # why a mission or an exploration ended otherwise than asked
     waits: str = ""  # why a mission is not driven now
     replaced: bool = False  # another mission has taken the place of this run's
-    explored: ExploreStatus | None = None
-    tasks: BoardMission | None = None  # a mission of several tasks
+    errand: Progress | None = None  # how far it has come, if it is more than a goal
     grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
     mission: int = 0
@@ -219,7 +207,11 @@ class RunWatch:
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
         taker = getattr(self, f"_take_{type(message).__name__.lower()}", None)
-        if taker is not None and self.begun:
+        if not self.begun:
+            return
+        if isinstance(message, Errands):
+            self._take_errands(message)
+        elif taker is not None:
             taker(message)
 
     @property
@@ -227,6 +219,11 @@ class RunWatch:
         """The agent that drives since the run began; None: nobody."""
         driver = self.view.driver(WHEELS.name, self.now) if self.begun else None
         return None if driver is None else agent_of(driver)
+
+    @property
+    def tasks(self) -> Progress | None:
+        """The mission of several tasks that it drives; None: it is none."""
+        return self.errand if self.errand is not None and self.errand.steps is not None else None
 
     @property
     def elapsed(self) -> float:
@@ -279,8 +276,8 @@ class RunWatch:
             limit_s=self.limit,
             conditions=self.conditions,
             why=self.failed or self.waits,
-            done=None if self.tasks is None else self.tasks.state is MissionEnd.DONE,
-            tasks=None if self.tasks is None else tuple(map(_told, self.tasks.course.results)),
+            done=None if self.tasks is None else self.tasks.over and not self.tasks.failed,
+            tasks=None if self.tasks is None else tuple(map(_row, self.tasks.steps or ())),
         )
 
     def _by_the_goal(self) -> tuple[bool | None, float | None, float | None]:
@@ -359,22 +356,15 @@ class RunWatch:
             self.done = self.replaced = True
             self.failed, self.waits = "another mission has taken its place", ""
 
-    def _take_board(self, board: Board) -> None:
-        if self.tasks is not None and all(m.mission != self.mission for m in board.missions):
+    def _take_errands(self, message: Errands) -> None:
+        before = self.errand
+        for errand in message.errands:
+            if errand.number == self.mission:
+                self.errand, self.done, self.failed = errand, errand.over, errand.failed
+                self.waits = "" if errand.over else errand.note
+                return
+        if before is not None and before.steps is not None:
             self.done, self.failed = True, "it is not on the board any more"
-        for tasks in board.missions:
-            if tasks.mission == self.mission:
-                self.tasks = tasks
-                self.done = tasks.state in ENDS
-                why = ENDS.get(tasks.state, "")
-                self.failed = ": ".join(filter(None, [why, tasks.note])) if why else ""
-                self.waits = "" if self.done else tasks.note
 
     def _take_occupancygrid(self, grid: OccupancyGrid) -> None:
         self.grid = grid
-
-    def _take_explorestatus(self, status: ExploreStatus) -> None:
-        if status.exploration == self.mission:
-            self.explored = status
-            self.done = status.state in (ExploreState.DONE, ExploreState.FAILED)
-            self.failed = status.note if status.state is ExploreState.FAILED else ""

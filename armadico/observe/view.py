@@ -15,9 +15,6 @@ from math import degrees
 from statistics import mean, pstdev
 from typing import Final, NamedTuple, TypeVar, cast
 
-from armadico.agents.missions.messages import Board, BoardMission, MissionEnd, StepEnd
-from armadico.agents.supervision.messages import MonitorReport
-from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
@@ -28,13 +25,16 @@ from armadico.core.messages import (
     Description,
     Log,
     Message,
+    MonitorReport,
     RobotState,
     Stop,
 )
 from armadico.core.services import QUIET_S, Kind, service_at, service_of
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.errand import Errands, Progress
 from armadico.mobile.messages import (
     BatteryLevel,
+    ByHand,
     Correction,
     MissionStatus,
     Pose,
@@ -83,14 +83,6 @@ def battery(state: RobotState, level: BatteryLevel | None) -> str:
     return ", ".join([*words, *["charging"] * state.charging])
 
 
-def at_work(mission: BoardMission) -> str:
-    """A mission of several tasks in half a line: how many are done, and what it does now."""
-    done = sum(result.end is StepEnd.DONE for result in mission.course.results)
-    words = [f"{done} done", mission.doing or mission.state.value]
-    words += [f"{len(mission.ahead)} to come"] if mission.ahead else []
-    return ", ".join([*words, *filter(None, [mission.note])])
-
-
 class Seen(NamedTuple):
     """An instance that is alive, and its card; None: not shown yet."""
 
@@ -102,7 +94,6 @@ class Seen(NamedTuple):
 _NEWEST: Final[dict[type[Message], str]] = {
     MissionStatus: "mission",
     BatteryLevel: "level",
-    Board: "board",
     Trajectory: "trajectory",
 }
 """What is known of a society just as it was last said."""
@@ -146,6 +137,7 @@ class View:
         logs: The newest log lines, the last one last.
         reports: By monitor, what it last said.
         level: What the battery sensor agent last said.
+        errands: By the message that tells of them, how they stand.
         truth: The newest of the robot's own simulator.
         rests_since: When the robot came to rest; None: it moves.
         lost_since: When its pose became one that nobody drives by; None: it is not.
@@ -172,7 +164,7 @@ class View:
         self.simulators: dict[str, float] = {}
         self.description: Description | None = None
         self.mission: MissionStatus | None = None
-        self.board: Board | None = None
+        self.errands: dict[type[Message], tuple[Progress, ...]] = {}
         self.level: BatteryLevel | None = None
         self.trajectory: Trajectory | None = None
         self.heard_at: float | None = None
@@ -233,18 +225,25 @@ class View:
     def learn(self, message: Message, t: float) -> None:
         """Take a message, published or given in answer."""
         match message:
-            case MissionStatus() | BatteryLevel() | Board() | Trajectory():
+            case MissionStatus() | BatteryLevel() | Trajectory():
                 setattr(self, _NEWEST[type(message)], message)
             case RobotState() | Pose():
                 self._take_place(message, t)
-            case Correction() | TeleopStatus():
+            case Correction() | ByHand():
                 self._lately[type(message)] = message, t
+            case Errands():
+                self.errands[type(message)] = message.errands
             case Description():
                 self.description = message
                 if self.truth is not None and not self._own(self.truth.simulator):
                     self.truth = None
             case Truth():
                 self._take_truth(message, t)
+            case _:
+                self._learn_of_agents(message, t)
+
+    def _learn_of_agents(self, message: Message, t: float) -> None:
+        match message:
             case Ack():
                 self._take_ack(message, t)
             case Claim():
@@ -266,9 +265,14 @@ class View:
     @property
     def tasks(self) -> str:
         """The mission of several tasks that is done now, and how far it is; empty: none is."""
-        missions = () if self.board is None else self.board.missions
-        active = next((m for m in missions if m.state is MissionEnd.ACTIVE), None)
-        return "" if active is None else f"{active.name}: {at_work(active)}"
+        active = next((each for each in self.missions if each.active), None)
+        return "" if active is None else f"{active.name}: {active.summary}"
+
+    @property
+    def missions(self) -> list[Progress]:
+        """The missions of several tasks that are known."""
+        known = (each for of_kind in self.errands.values() for each in of_kind)
+        return [each for each in known if each.steps is not None]
 
     @property
     def names(self) -> set[str]:
@@ -370,9 +374,10 @@ class View:
         """Whether the stop is latched, by the robot agent's own word; None: it says nothing now."""
         return self.stop.stopped if self.hears_robot(now) else None
 
-    def hand(self, now: float) -> TeleopStatus | None:
-        """Whose hand is on the stick, as far as whoever takes it tells of now."""
-        return self._of_late(TeleopStatus, now)
+    def hand(self, now: float) -> ByHand | None:
+        """The state of an agent by which a person drives; None: none tells of now."""
+        kinds = [kind for kind in self._lately if issubclass(kind, ByHand)]
+        return next((found for kind in kinds if (found := self._of_late(kind, now))), None)
 
     def driver(self, resource: str, now: float) -> str | None:
         """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.

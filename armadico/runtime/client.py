@@ -17,9 +17,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
-from msgspec import structs
-
-from armadico.agents.missions.messages import ExploreRequest, MissionCancel, MissionOrder
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ask,
@@ -35,6 +32,7 @@ from armadico.core.messages import (
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.mesh.base import Mesh
 from armadico.mesh.topology import checked_namespace, default_namespace, topology
+from armadico.mobile.errand import Order
 from armadico.mobile.messages import (
     MissionReply,
     MissionRequest,
@@ -264,7 +262,7 @@ class Client:
 
     def hand_over(
         self,
-        request: MissionRequest | MissionOrder | ExploreRequest,
+        request: Order,
         *,
         find: float = FIND_S,
         again: float = 0.0,
@@ -283,20 +281,14 @@ class Client:
         """
         until = self.mesh.now() + again
         while True:
-            if isinstance(request, MissionOrder):  # anew, for what was refused is withdrawn
-                request = structs.replace(request, mission=random.getrandbits(63) or 1)
+            request = request.numbered(random.getrandbits(63) or 1)
             begun = self.mesh.now()
             reply = self.ask(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
-                if isinstance(request, MissionOrder):  # whoever hangs would begin it later
-                    self._ask(
-                        service_of(MissionCancel).key,
-                        MissionCancel(request.mission, request.by),
-                        MissionReply,
-                        AGAIN_S,
-                        enough=1,
-                    )
-                what = "explorations" if isinstance(request, ExploreRequest) else "missions"
+                withdrawal, what = request.withdrawal(), request.asks_for
+                if withdrawal is not None:
+                    key = service_of(type(withdrawal)).key
+                    self._ask(key, withdrawal, MissionReply, AGAIN_S, enough=1)
                 there = self.mesh.now() - begun < PLANNING_S
                 answers = "is alive" if there else "answers"
                 raise AbsentError(f"no agent that takes {what} {answers}", self.mesh.namespace)

@@ -14,10 +14,9 @@ import pytest
 from msgspec.structs import replace
 from rich.console import Console
 
-from armadico.agents.supervision.messages import MonitorReport
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
-from armadico.core.messages import PROTOCOL, Card, Cycle, Line, RobotState, Stop
+from armadico.core.messages import PROTOCOL, Card, Cycle, Line, MonitorReport, RobotState, Stop
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mobile.messages import BatteryLevel, Correction, MissionState, MissionStatus, Pose
 from armadico.observe.standing import standing

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agents.supervision.needs import minimum, tasks
 from armadico.agents.supervision.supervisor import Plan
 from armadico.agents.supervision.up import _place, _plan, _scenario, _started, parser
 from armadico.cli.options import UsageError
 from armadico.config.errors import ConfigError
 from armadico.config.hosts import HOSTS_VARIABLE
+from armadico.config.needs import minimum, tasks
 from armadico.config.scenarios import society
 from tests.programs import starter
 

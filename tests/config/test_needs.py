@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agents.supervision.needs import needs, table, tasks
 from armadico.config.discovery import AGENTS, installed
 from armadico.config.errors import ConfigError
+from armadico.config.needs import needs, table, tasks
 from armadico.config.scenarios import exploring, ideal, load_scenario, society, with_sensors
 
 SC4 = load_scenario("sc4")

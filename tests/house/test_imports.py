@@ -118,11 +118,8 @@ ZENOH = {"armadico.mesh.zenoh", "armadico.bridge.ros2.rmw_zenoh"}
 
 
 TIED = {
-    *("armadico.cli.doctor", "armadico.cli.page", "armadico.cli.progress", "armadico.cli.run"),
-    *("armadico.config.scenarios", "armadico.launch.run", "armadico.launch.society"),
-    *("armadico.launch.virtual", "armadico.observe.measures"),
+    *("armadico.cli.run", "armadico.launch.virtual"),
     *("armadico.observe.page.asked", "armadico.observe.page.known", "armadico.observe.page.model"),
-    *("armadico.observe.view", "armadico.runtime.client"),
 }
 """The framework's modules that still know a capability."""
 
@@ -183,7 +180,6 @@ WINGS -= {"methods"}
 
 REACHES: dict[str, set[str]] = {
     "assistant": {"missions"},
-    "supervision": {"missions"},
 }
 """Which wing needs which other one; every other wing may go alone."""
 

@@ -15,7 +15,6 @@ from armadico.agents.localization.localization import Localization
 from armadico.agents.supervision.messages import (
     HostShare,
     KeptState,
-    MonitorReport,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
@@ -24,7 +23,7 @@ from armadico.agents.supervision.monitor import Monitor, Parameters
 from armadico.agents.supervision.wakeup import Load, Wakeup, lines
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
-from armadico.core.messages import Message, RobotState, Stop
+from armadico.core.messages import Message, MonitorReport, RobotState, Stop
 from armadico.core.restart_policy import Budget
 from armadico.core.services import service_of
 from armadico.launch.society import Options

@@ -11,7 +11,6 @@ from armadico.agents.supervision.messages import (
     HostShare,
     Kept,
     KeptState,
-    MonitorReport,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
@@ -31,7 +30,7 @@ from armadico.agents.supervision.wakeup import (
     orders,
 )
 from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
-from armadico.core.messages import PROTOCOL, Card, Message
+from armadico.core.messages import PROTOCOL, Card, Message, MonitorReport
 from armadico.core.restart_policy import IN_THE_WAY_S, MISUSED, NEWCOMER_S
 
 GOTO = 11

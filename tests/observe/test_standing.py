@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from armadico.agents.supervision.messages import MonitorReport
 from armadico.config.discovery import providers
 from armadico.config.scenarios import load_scenario
-from armadico.core.messages import Cycle, Message, RobotState, Stop
+from armadico.core.messages import Cycle, Message, MonitorReport, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.mobile.messages import (
     MissionRequest,

@@ -12,20 +12,20 @@ from collections.abc import Callable, Collection, Mapping
 from math import isfinite
 from typing import Any, Final
 
-from armadico.agents.missions.messages import BoardMission, MissionEnd, StepEnd
 from armadico.agents.supervision.messages import HostShare
-from armadico.agents.teleop.messages import Stick
+from armadico.agents.teleop.messages import Stick, TeleopStatus
 from armadico.config.worlds import World
 from armadico.core.messages import Message, ParameterChange, ParametersReply, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S, service_of
+from armadico.mobile.errand import Progress
 from armadico.mobile.messages import OccupancyGrid, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.page.asked import Asked, Shipped
 from armadico.observe.page.known import Known
 from armadico.observe.pictures import colour
 from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
-from armadico.observe.view import View, agent_of, at_work
+from armadico.observe.view import View, agent_of
 
 EXCHANGES: Final = 30
 LINES: Final = 40
@@ -264,7 +264,7 @@ class Robot:
         there = any(a.card and key in a.card.requests for a in self.view.agents)
         found: dict[str, Any] = {"there": there, "hand": "", "holds": False}
         status = self.view.hand(t)
-        if status is None:
+        if not isinstance(status, TeleopStatus):
             return found
         return found | {
             "hand": status.hand,
@@ -289,8 +289,7 @@ class Robot:
         ]
 
     def _board(self) -> list[dict[str, Any]]:
-        board = self.view.board
-        return [] if board is None else [_told(mission) for mission in board.missions]
+        return [_mission(mission) for mission in self.view.missions]
 
     def _exchanges(self) -> list[dict[str, Any]]:
         rows = []
@@ -351,18 +350,17 @@ def _grid(message: OccupancyGrid) -> dict[str, Any]:
     }
 
 
-def _told(mission: BoardMission) -> dict[str, Any]:
-    over = mission.state in (MissionEnd.DONE, MissionEnd.FAILED, MissionEnd.CANCELLED)
+def _mission(mission: Progress) -> dict[str, Any]:
     return {
-        "mission": str(mission.mission),
+        "mission": str(mission.number),
         "name": mission.name,
-        "state": mission.state.value,
-        "over": over,
+        "state": mission.state,
+        "over": mission.over,
         "priority": mission.priority,
-        "doing": "" if over else at_work(mission),
+        "doing": "" if mission.over else mission.summary,
         "ahead": list(mission.ahead[:5]),
         "note": mission.note,
-        "done": sum(result.end is StepEnd.DONE for result in mission.course.results),
+        "done": mission.done,
         "by": mission.by,
     }
 

@@ -14,6 +14,7 @@ from msgspec import Struct, structs
 from numpy.typing import NDArray
 
 from armadico.agents.methods.grid import Cell, Grid, Margins, nearest, search
+from armadico.agents.missions.messages import ExploreStatus
 from armadico.agents.perception.grid_mapping import Settings
 from armadico.config.grid_map import FREE, OCCUPIED, Cells, cells_of
 from armadico.config.profile import load_profile
@@ -143,11 +144,12 @@ def explore(task: tuple[str, int]) -> Row:
     name, seed = task
     scenario = load_scenario(name)
     rehearsal = Rehearsal(exploring(scenario), Options(seed=seed))
-    result, watch = rehearsal.run(), rehearsal.watch
+    rehearsal.client.listen(ExploreStatus)
+    result = rehearsal.run()
     grid = rehearsal.client.ask(MapRequest())
     assert isinstance(grid, OccupancyGrid), "the mapping agent answers"
     judged = _truth(name).judge(cells_of(grid))
-    status = watch.explored
+    status = rehearsal.client.latest(ExploreStatus)
     assert status is not None, "the explore agent publishes how far it is"
     length = _bound(name)
     return Row(

@@ -9,7 +9,6 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.agents.missions.mission_file import Mission
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
@@ -93,9 +92,9 @@ def tasks(scenario: Scenario | None) -> tuple[str, ...]:
     A task that the table does not have, of somebody's own, needs what every mission does.
     """
     mission = None if scenario is None else mission_of(scenario)
-    plan, done = None, set[str]()
+    plan, done = None, frozenset[str]()
     if mission is not None:
-        done = {mission.on_alarm, *_done(mission)}
+        done = mission.does
     elif scenario is None:
         plan = ROOMS
     else:
@@ -110,12 +109,3 @@ def tasks(scenario: Scenario | None) -> tuple[str, ...]:
         return kind in done or need.missions or mission.energy in need.energy
 
     return tuple(kind for kind, need in table().items() if is_one(kind, need))
-
-
-def _done(mission: Mission) -> Iterator[str]:
-    """What a mission's steps do: tasks, and its own procedures."""
-    left = [step for procedure in mission.procedures.values() for step in procedure.steps]
-    while left:
-        step = left.pop()
-        yield step.do
-        left += step.otherwise
