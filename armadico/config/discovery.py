@@ -1,4 +1,4 @@
-"""What is installed, by name: agents, simulators, transports, commands, found by entry points.
+"""What is installed, by name: agents, kinds of robots, transports, commands, found by entry points.
 
 Nothing that is found is imported before it is used, so a list costs nothing however heavy the
 things on it are. A third party's agent is found exactly as ours are.
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from armadico.core.resources import Resource
 
 AGENTS: Final = "armadico.agents"
-SIMULATORS: Final = "armadico.simulators"
+ROBOTS: Final = "armadico.robots"
+"""Kinds of robots: how each is described, spoken to and simulated."""
+
 COMMANDS: Final = "armadico.commands"
 TASKS: Final = "armadico.tasks"
 """What the steps of missions ask for."""

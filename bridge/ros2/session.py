@@ -27,6 +27,7 @@ from armadico.bridge.ros2.geometry import norm2, yaw
 from armadico.bridge.ros2.hazards import Hazards
 from armadico.bridge.ros2.mounts import LEVEL_RAD, Frames, Mount
 from armadico.bridge.ros2.odometry import Measured, Odometry
+from armadico.bridge.ros2.profile import Ros2, Ros2Robot, Topic
 from armadico.bridge.ros2.ramps import Ramps
 from armadico.bridge.ros2.rangers import Rangers
 from armadico.bridge.ros2.scans import swept
@@ -40,7 +41,6 @@ from armadico.bridge.session import (
     Swept,
     Unanswered,
 )
-from armadico.config.profile import Ros2, Ros2Robot, Topic
 from armadico.core.geometry import Pose2
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3

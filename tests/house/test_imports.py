@@ -28,8 +28,11 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
     (
         "armadico.bridge",
-        "the robot knows no behaviour",
-        ("armadico.agents", "armadico_tools", "armadico.cli", "armadico.launch"),
+        "the robot knows no behaviour, and nobody who looks at it",
+        (
+            *("armadico.agents", "armadico_tools", "armadico.mesh", "armadico.runtime"),
+            *("armadico.observe", "armadico.gateways", "armadico.launch", "armadico.cli"),
+        ),
     ),
     (
         "armadico.bridge.robot",
@@ -39,7 +42,10 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "armadico.bridge.p2os",
         "the codec is the robot's and the simulator's, and knows neither",
-        ("armadico.bridge.simulator", "armadico.bridge.robot", "armadico.core.agent"),
+        (
+            *("armadico.bridge.simulator", "armadico.bridge.robot", "armadico.bridge.ros2"),
+            "armadico.core.agent",
+        ),
     ),
     (
         "armadico.bridge.ros2",
@@ -49,9 +55,9 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 )
 
 APART: dict[str, tuple[str, ...]] = {
-    "armadico.bridge": ("armadico.bridge.simulator.command", "armadico.bridge.ros2.command"),
+    "armadico": ("armadico.gateways.ros2", "armadico.cli.ros2", "armadico.cli.sim"),
 }
-"""Commands, which are commands as anybody's."""
+"""What shows a society to ROS 2 has its words from the bridge, and a command starts a simulator."""
 
 SANS_IO = (
     *(
@@ -150,7 +156,7 @@ def test_who_knows_zenoh_and_the_floors_that_it_is_measured_against() -> None:
 @pytest.mark.parametrize(
     "module",
     [f"armadico.{n}" for n in SANS_IO]
-    + [f"armadico.observe.page.{n}" for n in PAGE_SANS_IO]
+    + [f"armadico.gateways.page.{n}" for n in PAGE_SANS_IO]
     + [f"armadico.bridge.p2os.{n}" for n in P2OS_SANS_IO]
     + [f"armadico.bridge.ros2.{n}" for n in ROS2_SANS_IO],
 )

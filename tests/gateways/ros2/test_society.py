@@ -10,12 +10,12 @@ import pytest
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
-from armadico.bridge.ros2.society import MOST, Society, ros_namespace
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.core.geometry import compose
 from armadico.core.scans import message_of as message_of_scan
+from armadico.gateways.ros2.society import MOST, Society, ros_namespace
 
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND + 5

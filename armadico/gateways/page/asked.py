@@ -35,8 +35,8 @@ from armadico.core.messages import (
     plain,
 )
 from armadico.core.services import service_of
-from armadico.observe.page.known import Known
-from armadico.observe.page.requests import (
+from armadico.gateways.page.known import Known
+from armadico.gateways.page.requests import (
     Cancel,
     Goto,
     Halt,

@@ -24,9 +24,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from armadico.observe.page.guard import PROTOCOL, Guard, Refusal, bearer, token_in
-from armadico.observe.page.requests import LONGEST
-from armadico.observe.page.session import Session
+from armadico.gateways.page.guard import PROTOCOL, Guard, Refusal, bearer, token_in
+from armadico.gateways.page.requests import LONGEST
+from armadico.gateways.page.session import Session
 
 T = TypeVar("T")
 
@@ -312,6 +312,6 @@ def web_files() -> dict[str, tuple[bytes, str]]:
     """What is served, by its path: the bytes, and their type."""
     return {
         f"/{each.name}": (each.read_bytes(), TYPES[suffix])
-        for each in (files("armadico.observe.page") / "web").iterdir()
+        for each in (files("armadico.gateways.page") / "web").iterdir()
         if (suffix := each.name[each.name.rfind(".") :]) in TYPES
     }

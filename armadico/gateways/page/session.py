@@ -15,10 +15,10 @@ import msgspec
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Message, ParametersRequest
 from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
+from armadico.gateways.page.asked import Publish, Put, Spawn, Tell
+from armadico.gateways.page.model import Robot
+from armadico.gateways.page.requests import Request, RequestError, read
 from armadico.mesh.base import Mesh, Receiver
-from armadico.observe.page.asked import Publish, Put, Spawn, Tell
-from armadico.observe.page.model import Robot
-from armadico.observe.page.requests import Request, RequestError, read
 from armadico.observe.watching import ASK_S, EVERYTHING, Heard, read_or_none
 from armadico.runtime.inbox import Inbox
 

@@ -9,9 +9,9 @@ import pytest
 
 from armadico.bridge.ros2.frames import Frame, Wanted
 from armadico.bridge.ros2.graph import Endpoint
-from armadico.bridge.ros2.outside import SocietyNode, unfit
-from armadico.bridge.ros2.society import Society
 from armadico.core import messages as m
+from armadico.gateways.ros2.outside import SocietyNode, unfit
+from armadico.gateways.ros2.society import Society
 from armadico.observe.translators import Sample
 
 GOAL = "/goal_pose"

@@ -10,10 +10,10 @@ from msgspec.structs import replace
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.config.scenarios import load_scenario
+from armadico.gateways.gateway import Asked, Gateway, serve
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.gateway import Asked, Gateway, serve
 from armadico.observe.translators import Sample, translators
 
 

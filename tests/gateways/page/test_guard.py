@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.mesh.ports import LOOPBACK
-from armadico.observe.page.guard import (
+from armadico.gateways.page.guard import (
     Guard,
     GuardError,
     Refusal,
@@ -14,6 +13,7 @@ from armadico.observe.page.guard import (
     subprotocol,
     token_in,
 )
+from armadico.mesh.ports import LOOPBACK
 
 TOKEN = "correct horse battery staple"
 HERE = Guard.of(LOOPBACK, None)

@@ -12,14 +12,14 @@ from msgspec.structs import replace
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
+from armadico.gateways.page.model import Robot
+from armadico.gateways.page.session import Session
 from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.page.model import Robot
-from armadico.observe.page.session import Session
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
-from tests.observe.page.stage import HOME, Shown, Stage
+from tests.gateways.page.stage import HOME, Shown, Stage
 
 GOAL = (1.2, 0.0)
 

@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 
 from armadico.bridge.ros2.addresses import join, read_address
-from armadico.bridge.ros2.outside import NODE, SocietyNode
-from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
+from armadico.gateways.ros2.outside import NODE, SocietyNode
+from armadico.gateways.ros2.society import Society
 from tests import real_ros
 
 pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
@@ -175,7 +175,7 @@ def test_a_robot_that_publishes_its_odometry_itself_is_told_of(
     stack: ExitStack, domain: int
 ) -> None:
     stage = Stage(stack, domain)
-    peer = VIEWER.with_name("rclpy_peer.py")
+    peer = Path(__file__).parents[2] / "bridge" / "ros2" / "rclpy_peer.py"
     made = subprocess.Popen(
         [real_ros.interpreter(), peer],
         env=real_ros.environment(str(domain)),

@@ -15,14 +15,14 @@ from armadico.cli.page import missions
 from armadico.config.discovery import agent_class
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
+from armadico.gateways.page.guard import Guard
+from armadico.gateways.page.model import Robot
+from armadico.gateways.page.server import Server
+from armadico.gateways.page.session import TURN_S, Session
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.page.guard import Guard
-from armadico.observe.page.model import Robot
-from armadico.observe.page.server import Server
-from armadico.observe.page.session import TURN_S, Session
 from armadico.runtime.client import Client
 
 HOME = "robot1"

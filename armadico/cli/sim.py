@@ -78,6 +78,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _name(args: argparse.Namespace) -> None:
     """Tell the robot from the world, of the names that are given. Raises UsageError."""
+    from armadico.bridge.kind import kind_of  # noqa: PLC0415 - not for --help
     from armadico.config.loading import names  # noqa: PLC0415 - not for --help
     from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
 
@@ -90,7 +91,7 @@ def _name(args: argparse.Namespace) -> None:
     if robots and args.robot is not None:
         raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
     args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
-    if args.unkind is not None and load_profile(args.robot).p2os is None:
+    if args.unkind is not None and not kind_of(load_profile(args.robot)).unkind:
         raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {args.robot}")
 
 
@@ -302,9 +303,8 @@ def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Simu
     """The robot, or one of the others; it does not start in a wall."""
     from msgspec.structs import replace  # noqa: PLC0415 - not for --help
 
+    from armadico.bridge.kind import simulated  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
-    from armadico.bridge.simulator.robots import of_scenario  # noqa: PLC0415
-    from armadico.bridge.simulator.ros2_robot import Base  # noqa: PLC0415
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
@@ -314,9 +314,8 @@ def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Simu
     if index:
         scenario = replace(scenario, start=scenario.others[index - 1])
         first, streams = streams, lambda name: first(f"{index}/{name}")
-    robot = of_scenario(scenario, streams, name, _traps(args.unkind))
-    if isinstance(robot.controller, Base):
-        robot.controller.clock_s = time.time()
+    traps = _traps(args.unkind)
+    robot = simulated(scenario, streams, name, traps=traps, clock_s=time.time())
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
@@ -394,13 +393,14 @@ def _beside(address: str, namespace: str) -> str:
 def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The robot as one of ROS 2's, at the address that the options name."""
     from armadico.bridge.ros2 import addresses  # noqa: PLC0415 - not for --help
+    from armadico.bridge.ros2.profile import Ros2Robot  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.ros2_line import Ros2Line  # noqa: PLC0415 - not for --help
-    from armadico.config.profile import Ros2Robot, load_profile  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
 
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
         raise options.UsageError(
-            f"--ros2: {args.robot} speaks P2OS; say armadico sim jackal --ros2"
+            f"--ros2: {args.robot} does not speak ROS 2; say armadico sim jackal --ros2"
         )
     try:
         transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])

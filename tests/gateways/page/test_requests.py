@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from armadico.observe.page.requests import (
+from armadico.gateways.page.requests import (
     LONGEST,
     Goto,
     Hold,

@@ -13,12 +13,12 @@ import pytest
 
 from armadico.agents.teleop import Teleop
 from armadico.core import messages as m
+from armadico.gateways.page.guard import Guard
+from armadico.gateways.page.server import Server
+from armadico.gateways.page.session import TURN_S
 from armadico.mesh.ports import LOOPBACK
-from armadico.observe.page.guard import Guard
-from armadico.observe.page.server import Server
-from armadico.observe.page.session import TURN_S
+from tests.gateways.page.stage import HOME, Served, served
 from tests.observe.browser import Browser, executable
-from tests.observe.page.stage import HOME, Served, served
 
 pytestmark = [
     pytest.mark.live,

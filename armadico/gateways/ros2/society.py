@@ -22,14 +22,14 @@ from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.geometry import pose_of, rotation, stamp_of
-from armadico.bridge.ros2.goals import CDR, read_goal
-from armadico.bridge.ros2.grids import drawn, occupancy
 from armadico.config.grid_map import cells_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.scans import ranges_of
+from armadico.gateways.ros2.goals import CDR, read_goal
+from armadico.gateways.ros2.grids import drawn, occupancy
 from armadico.observe.translators import Channel, Sample
 from armadico.observe.view import FRESH_CYCLES, agent_of, driver
 

@@ -11,11 +11,11 @@ import pytest
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.addresses import join, read_address
 from armadico.bridge.ros2.frames import Wanted
-from armadico.bridge.ros2.outside import NODE, SocietyNode
 from armadico.bridge.ros2.samples import Wire
-from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
+from armadico.gateways.ros2.outside import NODE, SocietyNode
+from armadico.gateways.ros2.society import Society
 from armadico.mesh.ports import free_port
 
 pytestmark = pytest.mark.live

@@ -16,10 +16,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
+from armadico.gateways.page import server
+from armadico.gateways.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.gateways.page.server import MOST, SOCKETS, Server, ServerError, web_files
 from armadico.mesh.ports import LOOPBACK
-from armadico.observe.page import server
-from armadico.observe.page.guard import PROTOCOL, Guard, subprotocol
-from armadico.observe.page.server import MOST, SOCKETS, Server, ServerError, web_files
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"

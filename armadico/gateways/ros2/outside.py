@@ -9,7 +9,7 @@ from typing import Final
 from armadico.bridge.ros2.frames import Wanted
 from armadico.bridge.ros2.graph import ODOMETRY, Endpoint
 from armadico.bridge.ros2.samples import LOOK_S, SETTLE_S, Wire
-from armadico.observe.gateway import Asked
+from armadico.gateways.gateway import Asked
 from armadico.observe.translators import Channel, Sample
 
 NODE: Final = "armadico_society"

@@ -19,12 +19,12 @@ from rosbags.typesys import Stores, get_typestore
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from armadico.bridge.ros2.society import Society
 from armadico.cli import foxglove as command
 from armadico.cli.options import FailedError
 from armadico.core import messages as m
-from armadico.observe.foxglove import WAITING, Served, Server, ServerError
-from armadico.observe.gateway import Asked
+from armadico.gateways.foxglove import WAITING, Served, Server, ServerError
+from armadico.gateways.gateway import Asked
+from armadico.gateways.ros2.society import Society
 
 SOON = 20.0
 GOAL = "/goal_pose"

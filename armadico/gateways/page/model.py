@@ -29,8 +29,8 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S, service_of
-from armadico.observe.page.asked import Asked, Shipped
-from armadico.observe.page.known import Known
+from armadico.gateways.page.asked import Asked, Shipped
+from armadico.gateways.page.known import Known
 from armadico.observe.pictures import colour
 from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
 from armadico.observe.view import View, agent_of, at_work

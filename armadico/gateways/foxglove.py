@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import foxglove
 from foxglove.websocket import Capability, ServerListener
 
-from armadico.observe.gateway import Asked
+from armadico.gateways.gateway import Asked
 from armadico.observe.translators import Channel, Sample
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import pytest
 
 from armadico.agents.teleop import Teleop
 from armadico.core import messages as m
-from armadico.observe.page.session import TURN_S
+from armadico.gateways.page.session import TURN_S
 from tests.framework.robots import body
-from tests.observe.page.stage import Stage
+from tests.gateways.page.stage import Stage
 
 SEND_S = 0.1
 """How often a page says where its stick is."""

@@ -15,9 +15,9 @@ from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.bridge.ros2.samples import Address
-    from armadico.bridge.ros2.society import Society
+    from armadico.gateways.gateway import Gateway
+    from armadico.gateways.ros2.society import Society
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.observe.gateway import Gateway
 
 EXAMPLES: Final = """\
   armadico ros2 --world sc4                  by DDS, in domain $ROS_DOMAIN_ID or 0
@@ -40,7 +40,7 @@ def main(argv: Sequence[str]) -> int:
     meshes = options.join_each(args, namespaces)
     societies = _societies(args, namespaces, address.namespace)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    from armadico.observe.gateway import serve  # noqa: PLC0415 - not for --help
+    from armadico.gateways.gateway import serve  # noqa: PLC0415 - not for --help
 
     with ExitStack() as stack:
         try:
@@ -86,7 +86,7 @@ def _societies(
     args: argparse.Namespace, namespaces: Sequence[str], below: str
 ) -> dict[str, Society]:
     """A translator for each robot. Raises UsageError, ConfigError."""
-    from armadico.bridge.ros2.society import Society, ros_namespace  # noqa: PLC0415
+    from armadico.gateways.ros2.society import Society, ros_namespace  # noqa: PLC0415
 
     world = options.world(args)
     own = {ns: "" if len(namespaces) == 1 else ns for ns in namespaces}
@@ -107,8 +107,8 @@ def _gateway(
 ) -> Gateway:
     """A robot's, in the mesh and in ROS 2. Raises OSError."""
     from armadico.bridge.ros2.addresses import join  # noqa: PLC0415 - not for --help
-    from armadico.bridge.ros2.outside import NODE, SocietyNode  # noqa: PLC0415
-    from armadico.observe.gateway import Gateway  # noqa: PLC0415
+    from armadico.gateways.gateway import Gateway  # noqa: PLC0415
+    from armadico.gateways.ros2.outside import NODE, SocietyNode  # noqa: PLC0415
 
     say = options.teller("armadico ros2")
     wire = join(replace(address, namespace=society.namespace), NODE)
