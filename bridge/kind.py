@@ -11,12 +11,14 @@ the session and the simulator within its functions, so that only those who need 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from armadico.bridge.session import Session, Unfit
 from armadico.bridge.simulator.traps import KIND, Trap
+from armadico.config.errors import ConfigError
 from armadico.config.profile import RobotProfile, load_kind, load_profile
 
 if TYPE_CHECKING:
@@ -56,6 +58,10 @@ class RobotKind(Generic[P]):
     unkind: frozenset[Trap] = KIND
     """What its simulated controller can do to a client that others do, if it is told to."""
 
+    needs: Mapping[str, str] = field(default_factory=dict)
+    """Modules that its session and its simulator import and not every installation has, and what
+    to install for each."""
+
     def in_scenario(
         self,
         scenario: Scenario,
@@ -73,8 +79,18 @@ class RobotKind(Generic[P]):
         # A robot agent reads profiles, and needs no simulator.
         from armadico.bridge.simulator.robots import staged  # noqa: PLC0415
 
+        self.check()
         profile, stage = staged(scenario, streams, name, traps & self.unkind, clock_s)
         return self.simulated(self._own(profile), stage)
+
+    def check(self) -> None:
+        """Raise ConfigError, with the remedy, if a module is missing that such a robot needs."""
+        for module, package in self.needs.items():
+            if find_spec(module) is None:
+                raise ConfigError(
+                    f"a robot with a table [{self.profile.section}] in its profile needs the module"
+                    f" {module}, which is not installed: pip install '{package}'"
+                )
 
     def _own(self, profile: RobotProfile) -> P:
         if not isinstance(profile, self.profile):

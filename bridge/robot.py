@@ -111,6 +111,7 @@ class Robot(DeviceAgent):
         self.address = self.p.port
         self.profile = load_profile(self.p.profile)
         self._kind = kind_of(self.profile)
+        self._kind.check()
         scheme, schemes = self.p.port.partition(":")[0], self._kind.schemes
         if scheme in installed(TRANSPORTS) and scheme not in schemes:
             raise ConfigError(

@@ -26,4 +26,10 @@ def _simulated(profile: Ros2Robot, stage: Stage) -> SimulatedRobot:
     return Ros2SimulatedRobot(profile, stage)
 
 
-ROS2: Final = RobotKind(Ros2Robot, _session, _simulated, schemes=(*SCHEMES, "serial", "tcp"))
+ROS2: Final = RobotKind(
+    Ros2Robot,
+    _session,
+    _simulated,
+    schemes=(*SCHEMES, "serial", "tcp"),  # over the latter two it is one of ours that is simulated
+    needs={"pycdr2": "armadico[ros2]"},
+)

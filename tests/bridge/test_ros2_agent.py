@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 from itertools import pairwise
 from math import nan
 
@@ -402,3 +404,31 @@ def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
     assert speeds[0] < before
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] == 0.0
+
+
+WITHOUT = """
+import importlib.util, sys
+sys.modules["pycdr2"] = None
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "pycdr2" else found(name, *rest)
+from armadico.cli import main
+sys.exit(main(["run", "sc1", "--virtual", "--no-plot", "--goal", "0.5", "0", "0", *sys.argv[1:]]))
+"""
+"""A run where the module of the extra `ros2` is not installed."""
+
+
+def test_without_the_extra_a_pioneer_drives_and_for_a_jackal_a_line_says_what_to_install() -> None:
+    pioneer, jackal = (
+        subprocess.run(
+            [sys.executable, "-c", WITHOUT, "--profile", name],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        for name in ("pioneer-2dx", "jackal")
+    )
+    assert pioneer.returncode == 0, pioneer.stderr
+    assert jackal.returncode == 2, "its configuration is at fault"
+    assert "[ros2] in its profile needs the module pycdr2" in jackal.stderr
+    assert "pip install 'armadico[ros2]'" in jackal.stderr
+    assert len(jackal.stderr.splitlines()) == 1
