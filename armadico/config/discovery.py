@@ -62,6 +62,11 @@ class Found:
         return self.value.partition(":")[0].strip()
 
     @property
+    def path(self) -> Path | None:
+        """The file of its module, which is not imported; None if there is none."""
+        return _file(self.module)
+
+    @property
     def summary(self) -> str:
         """The first line of its module's docstring, read without importing the module.
 
@@ -178,16 +183,26 @@ def summary(module: str, name: str = "") -> str:
 
     Without its full stop; empty if there is none, or the module cannot be read.
     """
+    path = _file(module)
+    if path is None:
+        return ""
     try:
-        spec = find_spec(module)
-        if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-            return ""
-        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    except Exception:  # to find it, the packages that it is in are imported
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError, RecursionError):
         return ""
     named = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
     own = next((text for n in named if (text := ast.get_docstring(n))), None)
     return (own or ast.get_docstring(tree) or "").partition("\n")[0].rstrip(".")
+
+
+def _file(module: str) -> Path | None:
+    try:
+        spec = find_spec(module)
+    except Exception:  # to find it, the packages that it is in are imported
+        return None
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return None
+    return Path(spec.origin)
 
 
 def _said(error: Exception) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 
 from armadico.config.discovery import ROBOTS, installed
@@ -36,9 +35,8 @@ def _folders(kind: str) -> Iterator[Path]:
     """Where a name of a kind is looked for: ours, then other packages' profiles of robots."""
     yield folder(kind)
     for found in installed(ROBOTS).values() if kind == "robots" else ():
-        spec = find_spec(found.module) if found.package != "armadico" else None
-        if spec is not None and spec.origin is not None:
-            yield Path(spec.origin).parent
+        if found.package != "armadico" and (path := found.path) is not None:
+            yield path.parent
 
 
 def names(kind: str) -> list[str]:

@@ -412,23 +412,28 @@ sys.modules["pycdr2"] = None
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name == "pycdr2" else found(name, *rest)
 from armadico.cli import main
-sys.exit(main(["run", "sc1", "--virtual", "--no-plot", "--goal", "0.5", "0", "0", *sys.argv[1:]]))
+sys.exit(main(sys.argv[1:]))
 """
-"""A run where the module of the extra `ros2` is not installed."""
+"""A command where the module of the extra `ros2` is not installed."""
+
+
+def without(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT, *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def test_without_the_extra_a_pioneer_drives_and_for_a_jackal_a_line_says_what_to_install() -> None:
-    pioneer, jackal = (
-        subprocess.run(
-            [sys.executable, "-c", WITHOUT, "--profile", name],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        for name in ("pioneer-2dx", "jackal")
-    )
+    run = ("run", "sc1", "--virtual", "--no-plot", "--goal", "0.5", "0", "0", "--profile")
+    pioneer, jackal = (without(*run, name) for name in ("pioneer-2dx", "jackal"))
     assert pioneer.returncode == 0, pioneer.stderr
     assert jackal.returncode == 2, "its configuration is at fault"
     assert "[ros2] in its profile needs the module pycdr2" in jackal.stderr
     assert "pip install 'armadico[ros2]'" in jackal.stderr
     assert len(jackal.stderr.splitlines()) == 1
+
+
+def test_without_the_extra_the_gateway_to_ros_2_says_what_to_install() -> None:
+    done = without("ros2", "--world", "sc1")
+    assert done.returncode == 1
+    assert "pip install 'armadico[ros2]'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

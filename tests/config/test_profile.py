@@ -122,7 +122,7 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: foreign\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
-        "[armadico.robots]\nchair = pathlib:Path\ngone = foreign_robot:KIND\n"
+        "[armadico.robots]\nchair = pathlib:Path\ngone = foreign.robot:KIND\n"
         "other = armadico.bridge.p2os_kind:P2OS\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -133,7 +133,7 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("section", "message"),
     [
         ("chair", r":1: chair \(pathlib:Path\) is no RobotKind"),
-        ("gone", r":1: gone \(foreign_robot:KIND\) cannot be loaded"),
+        ("gone", r":1: gone \(foreign.robot:KIND\) cannot be loaded"),
         ("other", r":1: other .* has a profile whose section is 'p2os'"),
     ],
 )
@@ -142,6 +142,12 @@ def test_an_entry_point_that_leads_to_no_kind_of_robot_is_named(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         load_profile(written(tmp_path, f"[{section}]\ncycle_s = 0.1\n"))
+
+
+@pytest.mark.usefixtures("foreign")
+def test_a_package_that_cannot_be_loaded_hides_no_other_profile() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'jackal'"):
+        load_profile("jackl")
 
 
 def test_a_laser_needs_a_topic(tmp_path: Path) -> None:
