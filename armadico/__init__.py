@@ -1,6 +1,7 @@
 """ARMADiCo: agents on one mesh drive one robot, and nobody is in charge.
 
-What others build on is imported from here, and nothing else is promised to stay:
+What others build on is imported from here, and nothing else is promised to stay, but what a kind of
+robot is made of (`armadico.bridge.kind`, `armadico.bridge.session`):
 
     from armadico import Behaviour, Bid, Obstacles, Pose      # an agent of one's own
     armadico.run("sc4", virtual=True, seed=7).measures         # a run, from Python

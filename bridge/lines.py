@@ -25,7 +25,7 @@ class Transport(Protocol):
 
     @property
     def url(self) -> str:
-        """Where it leads, as given to `open_transport`."""
+        """Where it leads, as an address."""
 
     def open(self) -> None:
         """Connect; TransportError if that fails. May be called again after `close`."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, sin
 
 from armadico.bridge.session import Reported, Swept
-from armadico.config.profile import RobotProfile, Ros2Robot, SonarRing
+from armadico.config.profile import RobotProfile, SonarRing
 from armadico.core.messages import Cycle, Message
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan, Sonar
@@ -33,8 +33,8 @@ class Readings:
 
     def __init__(self, profile: RobotProfile) -> None:
         self._ring, self._sees = profile.sonar, profile.laser is not None
-        topic = profile.ros2.scan if isinstance(profile, Ros2Robot) else None
-        self._awaited = "no scan" if topic is None else f"no scan on {topic.name}"
+        topic = profile.scans_from
+        self._awaited = f"no scan on {topic}" if topic else "no scan"
         said: dict[str, type[Message]] = {}
         if profile.sonar is not None:
             said[SONAR] = Sonar

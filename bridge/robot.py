@@ -15,11 +15,10 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.bridge.gaps import Gaps
+from armadico.bridge.kind import kind_of
 from armadico.bridge.obedience import Obedience
-from armadico.bridge.p2os.session import Session as P2osSession
 from armadico.bridge.readings import Readings
 from armadico.bridge.reflex import Reflex, Touch
-from armadico.bridge.ros2.addresses import SCHEMES
 from armadico.bridge.session import (
     Connected,
     Differs,
@@ -30,8 +29,9 @@ from armadico.bridge.session import (
     Unanswered,
     Unfit,
 )
+from armadico.config.discovery import TRANSPORTS, installed
 from armadico.config.errors import ConfigError
-from armadico.config.profile import P2osRobot, Ros2Robot, load_profile, profiles_for
+from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
@@ -93,22 +93,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     reflex: bool = True  # slow down for what is heard and seen ahead, whatever is commanded
 
 
-def session_of(
-    profile: P2osRobot | Ros2Robot, now: float, near: tuple[float, float] = (0.0, 0.0)
-) -> Session:
-    """A session with a robot, in the protocol that it speaks.
-
-    `near` is about where its odometry was last known to be, m.
-    """
-    if isinstance(profile, Ros2Robot):
-        # ROS 2's messages take a sixth of the start of a robot agent that speaks P2OS.
-        from armadico.bridge.ros2.session import Session as Ros2Session  # noqa: PLC0415
-
-        return Ros2Session(profile, now)
-    half_track = profile.body.half_track_m
-    return P2osSession(profile.p2os, now, profile.limits, near, half_track)
-
-
 class Robot(DeviceAgent):
     """The robot, as the society knows it."""
 
@@ -124,12 +108,16 @@ class Robot(DeviceAgent):
         super().__init__(identity, parameters)
         self.address = self.p.port
         self.profile = load_profile(self.p.profile)
-        scheme = self.p.port.partition(":")[0]
-        if scheme in SCHEMES and not isinstance(self.profile, Ros2Robot):
+        self._kind = kind_of(self.profile)
+        self._kind.check()
+        scheme, schemes = self.p.port.partition(":")[0], self._kind.schemes
+        if scheme in installed(TRANSPORTS) and scheme not in schemes:
             raise ConfigError(
-                f"{self.p.port} is the address of a ROS 2 robot, and the profile"
-                f" {self.profile.name} is of one that speaks P2OS; name your robot's, as do"
-                " armadico run --profile turtlebot4, and robot = 'turtlebot4' in a scenario's file"
+                f"no robot with a table [{self.profile.section}] in its profile, as"
+                f" {self.profile.name} has, is at {self.p.port}: its address begins with"
+                f" {' or '.join(f'{each}://' for each in schemes)}; name your robot's profile, as"
+                " do armadico run --profile turtlebot4, and robot = 'turtlebot4' in a scenario's"
+                " file"
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self._gaps = Gaps(self.profile)
@@ -187,7 +175,7 @@ class Robot(DeviceAgent):
         if self._session is None:
             origin = self.memory.newest(Origin)  # as others remember it
             near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
-            self._session = session_of(self.profile, self.now, near)
+            self._session = self._kind.session(self.profile, self.now, near)
             stop = self.stopped  # a robot agent before this one may have latched it
             self._session.held = stop is not None and keeps_motors_off(stop)
         else:
@@ -272,18 +260,8 @@ class Robot(DeviceAgent):
         """Report a controller that the profile does not fit; it is not opened."""
         self._moving = False
         self._refusals += 1
-        fitting = profiles_for(event.class_name, event.subclass)
-        if fitting:
-            cure = f"use the profile {' or '.join(fitting)}: --profile {fitting[0]}, or"
-            cure += f' robot = "{fitting[0]}" in the scenario'
-        else:
-            cure = "no shipped profile fits it: write one with its factors ([p2os], docs/robots.md)"
-        units = self.profile.p2os
-        assert units is not None, "only P2OS controllers are compared"
-        self._unfit = (
-            f"{_told(event)} on {self.p.port} is not driven: the profile {self.profile.name} is"
-            f" for {units.class_name} {units.subclass}; {cure}"
-        )
+        why = self._kind.unfit(self.profile, event)
+        self._unfit = f"{_told(event)} on {self.p.port} is not driven: {why}"
         if self._refusals in TOLD:
             self.log(self._unfit, ERROR, LogEvent.UNFIT)
 

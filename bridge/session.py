@@ -5,7 +5,8 @@ A session is sans-IO: bytes and time in, events and bytes out. Its owner hands i
 each call. It opens itself, and again whenever the link was lost, until `close`. It never keeps a
 robot going by itself: an owner that hangs or dies must leave the robot to its watchdog.
 
-`armadico.bridge.p2os.session` is one, `armadico.bridge.ros2.session` the other.
+`armadico.bridge.p2os.session` is one, `armadico.bridge.ros2.session` another; a kind of robot
+(`armadico.bridge.kind`) brings its own.
 """
 
 from __future__ import annotations

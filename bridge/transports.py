@@ -8,10 +8,9 @@ may write. Bytes cross unchanged and unframed on all of them; those of ROS 2 are
 | --- | --- |
 | `serial:///dev/ttyUSB0?baud=9600` | a client's: a robot, or a simulator's pseudo-terminal |
 | `tcp://localhost:8101` | a client's: a simulator, or a serial server |
-| `pty:` or `pty:///tmp/robot` | a simulator's: clients open its `path` as a serial port |
-| `ros2://[NAMESPACE]?domain=0` | a ROS 2 robot, by DDS (`ros2.addresses`) |
-| `ros2+zenoh://[HOST[:PORT]][/NAMESPACE]?domain=0` | a ROS 2 robot, by rmw_zenoh |
 
+The scheme of an address is the name of an entry point of `armadico.transports`, which opens it;
+those of ROS 2 are in `ros2.addresses`. A `PtyTransport` is a simulator's end of a serial line.
 `memory_pair` makes both ends of a line within one process.
 """
 
@@ -21,8 +20,7 @@ import contextlib
 import queue
 import select
 import socket
-from collections.abc import Callable
-from urllib.parse import SplitResult, parse_qs, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from armadico.bridge.lines import (
     CHUNK,
@@ -33,7 +31,6 @@ from armadico.bridge.lines import (
     ended,
     not_open,
 )
-from armadico.bridge.ros2 import addresses
 from armadico.bridge.serial_lines import BAUD, WRITE_S, PtyTransport, SerialTransport
 
 __all__ = [
@@ -44,7 +41,8 @@ __all__ = [
     "Transport",
     "TransportError",
     "memory_pair",
-    "open_transport",
+    "open_serial",
+    "open_tcp",
 ]
 
 PORT = 8101  # where simulators of Pioneers listen
@@ -152,41 +150,29 @@ def memory_pair() -> tuple[MemoryTransport, MemoryTransport]:
     return client, robot
 
 
-def open_transport(url: str) -> Transport:
-    """Open the transport that an address names.
+def open_serial(url: str) -> Transport:
+    """Open `serial:///dev/ttyUSB0?baud=9600`.
 
     Raises:
         ValueError: The address is none.
         TransportError: It cannot be opened; the message has a remedy.
     """
     parts = urlsplit(url)
-    if parts.scheme not in _SCHEMES:
-        known = ", ".join(f"{scheme}:" for scheme in _SCHEMES)
-        raise ValueError(f"{url!r} begins with none of {known} (tcp://localhost:{PORT}, say)")
-    transport = _SCHEMES[parts.scheme](parts)
+    if not parts.path:
+        raise ValueError(f"{url!r} names no port: serial:///dev/ttyUSB0")
+    baud = parse_qs(parts.query).get("baud", [str(BAUD)])[0]
+    if not baud.isdigit():
+        raise ValueError(f"{url!r}: baud is a number of bits a second, such as {BAUD}")
+    transport = SerialTransport(parts.netloc + parts.path, int(baud))
     transport.open()
     return transport
 
 
-def _serial(parts: SplitResult) -> Transport:
-    if not parts.path:
-        raise ValueError(f"{parts.geturl()!r} names no port: serial:///dev/ttyUSB0")
-    baud = parse_qs(parts.query).get("baud", [str(BAUD)])[0]
-    if not baud.isdigit():
-        raise ValueError(f"{parts.geturl()!r}: baud is a number of bits a second, such as {BAUD}")
-    return SerialTransport(parts.netloc + parts.path, int(baud))
-
-
-def _tcp(parts: SplitResult) -> Transport:
+def open_tcp(url: str) -> Transport:
+    """Open `tcp://localhost:8101`; raises what `open_serial` does."""
+    parts = urlsplit(url)
     if not parts.hostname:
-        raise ValueError(f"{parts.geturl()!r} names no host: tcp://localhost:{PORT}")
-    return TcpTransport(parts.hostname, parts.port or PORT)
-
-
-_SCHEMES: dict[str, Callable[[SplitResult], Transport]] = {
-    "serial": _serial,
-    "tcp": _tcp,
-    "pty": lambda parts: PtyTransport(parts.path),
-    "ros2": lambda parts: addresses.client_transport(parts.geturl()),
-    "ros2+zenoh": lambda parts: addresses.client_transport(parts.geturl()),
-}
+        raise ValueError(f"{url!r} names no host: tcp://localhost:{PORT}")
+    transport = TcpTransport(parts.hostname, parts.port or PORT)
+    transport.open()
+    return transport

@@ -34,8 +34,8 @@ def main(argv: Sequence[str]) -> int:
     if find_spec("foxglove") is None:
         raise FailedError(f"this needs Foxglove's SDK, which is an extra: {INSTALL}")
     options.end_as_by_ctrl_c()
-    from armadico.observe.foxglove import Served, Server, ServerError  # noqa: PLC0415 - an extra
-    from armadico.observe.gateway import Gateway, serve  # noqa: PLC0415 - not for --help
+    from armadico.gateways.foxglove import Served, Server, ServerError  # noqa: PLC0415 - an extra
+    from armadico.gateways.gateway import Gateway, serve  # noqa: PLC0415 - not for --help
     from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
 
     made = translators(namespaces, dict.fromkeys(namespaces, world))

@@ -18,10 +18,10 @@ from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
+    from armadico.gateways.page.asked import Shipped
+    from armadico.gateways.page.guard import Guard
+    from armadico.gateways.page.session import Session, Spawns
     from armadico.mesh.base import Mesh
-    from armadico.observe.page.asked import Shipped
-    from armadico.observe.page.guard import Guard
-    from armadico.observe.page.session import Session, Spawns
     from armadico.observe.standing import Hosts
 
 PORT: Final = 8090
@@ -47,7 +47,7 @@ def main(argv: Sequence[str]) -> int:
     world = options.world(args)
     guard = _guard(args)
     options.end_as_by_ctrl_c()
-    from armadico.observe.page.server import Server, ServerError  # noqa: PLC0415 - not for --help
+    from armadico.gateways.page.server import Server, ServerError  # noqa: PLC0415 - not for --help
 
     with ExitStack() as stack:
         for mesh in meshes:
@@ -72,8 +72,8 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Host
     """A session for robots whose meshes have been opened; `start` starts who takes the stick."""
     from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-    from armadico.observe.page.model import Robot  # noqa: PLC0415 - not for --help
-    from armadico.observe.page.session import Session  # noqa: PLC0415 - not for --help
+    from armadico.gateways.page.model import Robot  # noqa: PLC0415 - not for --help
+    from armadico.gateways.page.session import Session  # noqa: PLC0415 - not for --help
 
     known = missions()
     helpers = (society().by_hand,)
@@ -88,7 +88,7 @@ def missions() -> dict[str, Shipped]:
     """The missions that come with Armadico, by name."""
     from armadico.config.errands import load_mission  # noqa: PLC0415 - not for --help
     from armadico.config.shipped import names  # noqa: PLC0415
-    from armadico.observe.page.asked import Shipped  # noqa: PLC0415
+    from armadico.gateways.page.asked import Shipped  # noqa: PLC0415
 
     found = [load_mission(name) for name in names("missions")]
     return {each.name: Shipped(each.name, each.title, each.text) for each in found}
@@ -118,7 +118,7 @@ def parser() -> argparse.ArgumentParser:
 
 def _guard(args: argparse.Namespace) -> Guard:
     """Who is let in. Raises UsageError."""
-    from armadico.observe.page.guard import Guard, GuardError, is_loopback  # noqa: PLC0415
+    from armadico.gateways.page.guard import Guard, GuardError, is_loopback  # noqa: PLC0415
 
     token = args.token or os.environ.get(TOKEN_VARIABLE) or None
     if token is None and not is_loopback(args.bind):

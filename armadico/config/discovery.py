@@ -1,4 +1,4 @@
-"""What is installed, by name: agents, simulators, transports, commands, found by entry points.
+"""What is installed, by name: agents, kinds of robots, transports, commands, found by entry points.
 
 Nothing that is found is imported before it is used, so a list costs nothing however heavy the
 things on it are. A third party's agent is found exactly as ours are.
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from armadico.core.resources import Resource
 
 AGENTS: Final = "armadico.agents"
-SIMULATORS: Final = "armadico.simulators"
+ROBOTS: Final = "armadico.robots"
+"""Kinds of robots: how each is described, spoken to and simulated."""
+
 COMMANDS: Final = "armadico.commands"
 TASKS: Final = "armadico.tasks"
 """What the steps of missions ask for."""
@@ -67,6 +69,11 @@ class Found:
     @property
     def module(self) -> str:
         return self.value.partition(":")[0].strip()
+
+    @property
+    def path(self) -> Path | None:
+        """The file of its module, which is not imported; None if there is none."""
+        return _file(self.module)
 
     @property
     def summary(self) -> str:
@@ -185,16 +192,26 @@ def summary(module: str, name: str = "") -> str:
 
     Without its full stop; empty if there is none, or the module cannot be read.
     """
+    path = _file(module)
+    if path is None:
+        return ""
     try:
-        spec = find_spec(module)
-        if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-            return ""
-        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    except Exception:  # to find it, the packages that it is in are imported
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError, RecursionError):
         return ""
     named = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
     own = next((text for n in named if (text := ast.get_docstring(n))), None)
     return (own or ast.get_docstring(tree) or "").partition("\n")[0].rstrip(".")
+
+
+def _file(module: str) -> Path | None:
+    try:
+        spec = find_spec(module)
+    except Exception:  # to find it, the packages that it is in are imported
+        return None
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return None
+    return Path(spec.origin)
 
 
 def _said(error: Exception) -> str:

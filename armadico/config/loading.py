@@ -1,7 +1,7 @@
 """TOML into frozen structs. An error says in which file and line, what is there and what is right.
 
 The types are `msgspec.Struct`s; the framework has its own (`Scenario`, `HostTable`), everybody else
-brings theirs: `load(find("robots", "pioneer-2dx"), RobotProfile)`.
+brings theirs: `load(find("worlds", "mine.toml"), Mine)`.
 """
 
 from __future__ import annotations

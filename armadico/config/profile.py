@@ -1,23 +1,27 @@
 """The robot profile: every number that belongs to one make of robot (thesis tables 4.2, 4.3, 4.6).
 
-A profile is a TOML file under ``configs/robots``. SI units throughout; conversion factors of the
-P2OS codec are the only ones in the controller's own units. What the robot agent says of its robot
-is as bounded here as on the mesh.
+A profile is a TOML file under ``configs/robots``, or anywhere. SI units throughout; only the
+section of a kind of robot may have units of its controller's. That section is read by the kind,
+which is found by an entry point (`armadico.bridge.kind`). What the robot agent publishes of its
+robot is as bounded here as on the mesh.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from math import radians
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from msgspec import Meta, Struct
-from msgspec.structs import replace
 
-from armadico.config.errors import ConfigError
+from armadico.config import discovery
+from armadico.config.discovery import ROBOTS, installed
+from armadico.config.errors import ConfigError, nearest
+from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
-from armadico.config.shipped import find, names
+from armadico.config.shipped import find
 from armadico.core.messages import Length, Name, Patience, Period, Place, Ramp, TopSpeed, TopTurn
 from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import RAYS, REACH_M
@@ -33,8 +37,6 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 Angle = Annotated[float, Meta(ge=0, le=90)]
 Bearing = Annotated[float, Meta(ge=-180, le=180)]
 Turned = Annotated[float, Meta(ge=-360, le=360)]
-_WORD = r"[A-Za-z][A-Za-z0-9_]*"
-TopicName = Annotated[str, Meta(max_length=255, pattern=rf"^/?{_WORD}(/{_WORD})*\Z")]
 FrameName = Annotated[str, Meta(min_length=1, max_length=64)]
 
 
@@ -160,7 +162,7 @@ class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
     x_m: Place
     y_m: Place
     bearing_deg: Bearing
-    frame: FrameName | None = None  # with [ros2]: the frame_id that its readings have
+    frame: FrameName | None = None  # as its readings name it, if they do
 
     @property
     def place(self) -> Pose2:
@@ -257,100 +259,22 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("empty_v is to be less than low_v, and that less than full_v")
 
 
-class Variant(Struct, frozen=True, forbid_unknown_fields=True):
-    """Another subclass of the same robot; factors that are not given are those of the profile."""
+class Section(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The table that says which kind of robot a profile is of: what it has for every kind."""
 
-    subclass: Annotated[str, Meta(max_length=19)]  # "": a controller that reports none
-    distance_mm: Positive | None = None
-    range_mm: Positive | None = None
-
-
-class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
-    """The codec's conversion factors, and what the controller says of itself."""
-
-    distance_mm: Positive  # mm for one count of XPOS
-    angle_rad: Positive  # rad for one unit of THPOS
-    velocity_mm: Positive
-    range_mm: Positive
-    vel2_mm: Positive
-    diff_conv: Positive
-    name: Annotated[str, Meta(min_length=1, max_length=19)]
-    class_name: Annotated[str, Meta(min_length=1, max_length=19)]
-    subclass: Annotated[str, Meta(min_length=1, max_length=19)]
-    cycle_s: Period  # from one status packet to the next
-    watchdog_s: Patience
-    variants: tuple[Variant, ...] = ()
-
-    def of(self, class_name: str, subclass: str) -> P2osUnits | None:
-        """The factors for a controller that names itself so; None: the profile does not fit it."""
-        if class_name.casefold() != self.class_name.casefold() and (class_name or subclass):
-            return None
-        if subclass.casefold() == self.subclass.casefold():
-            return self
-        for each in self.variants:
-            if subclass.casefold() == each.subclass.casefold():
-                return replace(
-                    self,
-                    subclass=each.subclass,
-                    distance_mm=each.distance_mm or self.distance_mm,
-                    range_mm=each.range_mm or self.range_mm,
-                )
-        return None
-
-
-class Topic(Struct, frozen=True, forbid_unknown_fields=True):
-    """A ROS 2 topic, and the quality of service that is asked for, or offered, on our side."""
-
-    name: TopicName  # below the robot's namespace; with a slash in front it is not
-    reliable: bool = True
-    latched: bool = False  # transient local: who joins late is given the last ones
-    depth: Annotated[int, Meta(ge=1, le=1000)] = 10
-
-
-class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a robot that speaks ROS 2 publishes and obeys.
-
-    A cycle is an odometry message whose stamp is `cycle_s` or more after the last cycle's.
-    """
-
-    cycle_s: Period
-    latency_s: Annotated[float, Meta(ge=0, le=1)]  # from a command until the base begins to follow
-    stamped: bool  # cmd_vel is a TwistStamped, not a Twist
-    odom_hz: Annotated[float, Meta(ge=5, le=1000)]
-    odom_frame: FrameName
-    base_frame: FrameName
-    odom: Topic
-    cmd_vel: Topic
-    watchdog_s: Patience | None = None  # without a command for so long it stops by itself; or never
-    v_step: NonNegative = 0.0  # m/s: the base obeys whole ones of these, and less than one is none
-    w_step: NonNegative = 0.0  # rad/s
-    laser_frame: FrameName = "base_scan"
-    scan: Topic | None = None
-    sonar: tuple[Topic, ...] = ()  # one for all sonars, or one for each of them
-    battery: Topic | None = None
-    hazards: Topic | None = None
-    tf: Topic | None = None
-    tf_static: Topic | None = None
-
-    def __post_init__(self) -> None:
-        names = [topic.name.removeprefix("/") for topic in self.topics]
-        if len(set(names)) < len(names):
-            raise ValueError("two of its topics have one name")
-
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """All that there are, the command's last."""
-        heard = (self.odom, self.scan, *self.sonar, self.battery, self.hazards)
-        heard += (self.tf, self.tf_static)
-        return (*(topic for topic in heard if topic is not None), self.cmd_vel)
+    cycle_s: Period  # from one report of the robot to the next
+    watchdog_s: Patience | None = None  # the robot stops so long after a command; None: never
 
 
 class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot on two wheels, or that turns as if it were, whole: a `P2osRobot` or a `Ros2Robot`.
+    """A robot on two wheels, or that turns as if it were.
 
-    It speaks one of P2OS and ROS 2, and has sonars, a laser, or both. Of its drive the masses and
-    motors are known, or how it moves.
+    A kind of robot has a class derived from `IdentifiedRobot` or `ModelledRobot`, with one more
+    field: its section, which goes by the name of the kind's entry point in `armadico.robots`.
     """
+
+    section: ClassVar[str] = ""
+    """The name of that field, and of the entry point."""
 
     name: Name
     body: Body
@@ -364,50 +288,10 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     sonar: SonarRing | None = None
     laser: Laser | None = None
     odometry: Odometry | None = None  # None: a default for its sensors
-    p2os: P2osUnits | None = None
-    ros2: Ros2 | None = None
 
     def __post_init__(self) -> None:
-        if (self.p2os is None) == (self.ros2 is None):
-            raise ValueError("a robot has a table [p2os] or a table [ros2], and not both")
         if self.sonar is None and self.laser is None:
-            raise ValueError("neither [sonar] nor [laser]: nobody drives blind")
-        if self.laser is not None and self.ros2 is not None and self.ros2.scan is None:
-            raise ValueError("a laser and no [ros2.scan]: where it is heard")
-        if self.ros2 is not None:
-            self._check_sonars(self.ros2)
-        masses = {
-            "[caster]": self.caster,
-            "[inertia]": self.inertia,
-            "[motor]": self.motor,
-            "[speed_loop]": self.speed_loop,
-        }
-        drive = {"[drive]": self.drive}
-        speaks, needs, useless = (
-            ("[ros2]", drive, masses)
-            if self.p2os is None
-            else ("[p2os]", masses | {"[sonar]": self.sonar}, drive)
-        )
-        for table, value in needs.items():
-            if value is None:
-                raise ValueError(f"a robot with a table {speaks} needs {table}, too")
-        for table, value in useless.items():
-            if value is not None:
-                raise ValueError(f"a robot with a table {speaks} has no use for {table}")
-
-    def _check_sonars(self, ros2: Ros2) -> None:
-        """Each has to be told from the others by what it says. Raises ValueError."""
-        sonars = () if self.sonar is None else self.sonar.sonars
-        frames = [sonar.frame for sonar in sonars]
-        if None in frames or len(set(frames)) < len(frames):
-            raise ValueError(
-                "of [sonar] each sonar needs a frame of its own: its readings' frame_id"
-            )
-        if len(ros2.sonar) not in {min(1, len(sonars)), len(sonars)}:
-            raise ValueError(
-                f"{len(sonars)} sonars and {len(ros2.sonar)} tables [[ros2.sonar]], where they are"
-                " heard: it is to be one for all, or one for each"
-            )
+            raise ValueError("needs a table [sonar] or a table [laser]: no agent drives blind")
 
     @property
     def ring(self) -> SonarRing:
@@ -429,59 +313,107 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     @property
     def cycle_s(self) -> float:
         """From one cycle to the next, s."""
-        return self._line.cycle_s
+        return self._section.cycle_s
 
     @property
     def watchdog_s(self) -> float:
         """Without a command for so long the controller stops by itself, s; `NEVER_S`: or never."""
-        return self._line.watchdog_s or NEVER_S
+        return self._section.watchdog_s or NEVER_S
 
     @property
-    def _line(self) -> P2osUnits | Ros2:
-        line = self.p2os or self.ros2
-        assert line is not None, "it speaks one of them"
-        return line
+    def scans_from(self) -> str:
+        """Where its laser's scans come from, for messages to people; "": its controller."""
+        return ""
+
+    @property
+    def _section(self) -> Section:
+        section: Section = getattr(self, self.section)
+        return section
 
 
-class P2osRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot with a controller that speaks P2OS, whose masses and motors are known."""
+class IdentifiedRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A robot whose masses and motors are known: the simulator solves its equations of motion."""
 
     caster: Caster
     inertia: Inertia
     motor: Motor
     speed_loop: SpeedLoop
-    sonar: SonarRing
-    p2os: P2osUnits
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.drive is not None:
+            raise ValueError(f"a robot with a table [{self.section}] has no use for [drive]")
 
 
-class Ros2Robot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot that speaks ROS 2, of which is known how it moves."""
+class ModelledRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A robot of which is known how it moves, and not why."""
 
     drive: Drive
-    ros2: Ros2
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for table in ("caster", "inertia", "motor", "speed_loop"):
+            if getattr(self, table) is not None:
+                raise ValueError(f"a robot with a table [{self.section}] has no use for [{table}]")
 
 
-def load_profile(name_or_path: str | Path) -> P2osRobot | Ros2Robot:
+class _Kind(Protocol):
+    """What an entry point in `armadico.robots` leads to; `armadico.bridge.kind` has the rest."""
+
+    @property
+    def profile(self) -> type[RobotProfile]:
+        """The class of its profiles."""
+
+
+def load_profile(name_or_path: str | Path) -> RobotProfile:
     """A shipped profile by its name, or a TOML file. Raises ConfigError."""
     path = find("robots", name_or_path)
     return _read(read_text(path), path)
 
 
-def profiles_for(class_name: str, subclass: str) -> tuple[str, ...]:
-    """The names of the shipped profiles that fit a controller with these names, sorted."""
-    found = {name: load_profile(name).p2os for name in names("robots")}
-    return tuple(n for n, units in found.items() if units and units.of(class_name, subclass))
+def load_kind(section: str) -> Any:
+    """The kind of robot that a section is of. Raises UnknownNameError, ImportError."""
+    found = discovery.find(ROBOTS, section)
+    kind: _Kind = found.load()
+    profile: object = getattr(kind, "profile", None)
+    if not (isinstance(profile, type) and issubclass(profile, RobotProfile)):
+        raise found.unusable("is no RobotKind: its `profile` is a class derived from RobotProfile")
+    if profile.section != section:
+        raise found.unusable(f"has a profile whose section is {profile.section!r}")
+    return kind
 
 
 @lru_cache(maxsize=8)  # 3 ms, and a society asks for its robot's a dozen times
-def _read(text: str, path: Path) -> P2osRobot | Ros2Robot:
+def _read(text: str, path: Path) -> RobotProfile:
     table = document(text, path)
-    speaks_p2os = convert(table, RobotProfile, path, text).p2os is not None
-    return (
-        convert(table, P2osRobot, path, text)
-        if speaks_p2os
-        else convert(table, Ros2Robot, path, text)
-    )
+    kinds = installed(ROBOTS)
+    sections = [name for name in table if name in kinds]
+    if len(sections) != 1:
+        raise _of_no_kind(table, sections, tuple(kinds), path, text)
+    try:
+        kind: _Kind = load_kind(sections[0])
+    except ImportError as error:
+        raise ConfigError(str(error), path, line_of(text, sections)) from error
+    return convert(table, kind.profile, path, text)
+
+
+def _of_no_kind(
+    table: Mapping[str, Any], sections: list[str], kinds: tuple[str, ...], path: Path, text: str
+) -> ConfigError:
+    """The error for a profile that is of no kind of robot, or of several."""
+    known = f"installed kinds of robots: {', '.join(kinds) or 'none'}"
+    if sections:
+        both = " and ".join(f"[{name}]" for name in sections)
+        line = line_of(text, sections[1:])
+        return ConfigError(f"has tables {both}: a robot is of one kind", path, line)
+    fields = {*IdentifiedRobot.__struct_fields__, *ModelledRobot.__struct_fields__}
+    for name, value in table.items():
+        if name not in fields and isinstance(value, dict):
+            near = nearest(name, kinds)
+            hint = f"did you mean [{near}]? " if near else ""
+            what = f"[{name}] is no kind of robot that is installed; {hint}({known})"
+            return ConfigError(what, path, line_of(text, (name,)))
+    return ConfigError(f"has no table that says which kind of robot it is ({known})", path)
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):

@@ -70,7 +70,6 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
 
     robot: str
-    simulator: str
     agents: tuple[str, ...]
     watch: tuple[str, ...]
     by_hand: str

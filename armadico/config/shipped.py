@@ -1,10 +1,16 @@
-"""The configurations that come with Armadico, found by name; anything else is a file."""
+"""The configurations that come with Armadico, found by name; anything else is a file.
+
+A robot's profile is found by its name, too, where it lies beside the module of a kind of robot that
+another package brings.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
+from armadico.config.discovery import ROBOTS, installed
 from armadico.config.errors import ConfigError, advice, nearest
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
@@ -25,18 +31,27 @@ def folder(kind: str) -> Path:
     return Path(str(files("armadico.configs"))) / kind
 
 
+def _folders(kind: str) -> Iterator[Path]:
+    """Where a name of a kind is looked for: ours, then other packages' profiles of robots."""
+    yield folder(kind)
+    for found in installed(ROBOTS).values() if kind == "robots" else ():
+        if found.package != "armadico" and (path := found.path) is not None:
+            yield path.parent
+
+
 def names(kind: str) -> list[str]:
-    """The names of the shipped configurations of a kind, sorted."""
-    found = [path for path in folder(kind).iterdir() if path.suffix in SUFFIXES[kind]]
-    return sorted(path.stem for path in found if f"{kind}/{path.name}" not in TABLES)
+    """The names of the configurations of a kind that are installed, sorted."""
+    found = [p for each in _folders(kind) for p in each.iterdir() if p.suffix in SUFFIXES[kind]]
+    return sorted({path.stem for path in found if f"{kind}/{path.name}" not in TABLES})
 
 
 def resource_path(kind: str, name: str) -> Path:
-    """The file of a shipped configuration. Raises ConfigError with the nearest name."""
-    for suffix in SUFFIXES[kind]:
-        path = folder(kind) / (name + suffix)
-        if path.is_file():
-            return path
+    """The file of an installed configuration. Raises ConfigError with the nearest name."""
+    for each in _folders(kind):
+        for suffix in SUFFIXES[kind]:
+            path = each / (name + suffix)
+            if path.is_file():
+                return path
     raise ConfigError(f"no {_one(kind)} {name!r}; {advice(name, names(kind))}")
 
 

@@ -11,10 +11,11 @@ from random import Random
 from msgspec.structs import replace
 
 from armadico.agents.supervision.wakeup import Do, Event, Parameters, Wakeup, lines, orders
-from armadico.config.discovery import SIMULATORS, agent_class, find, owners
+from armadico.config.discovery import agent_class, owners
 from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
-from armadico.config.scenarios import Scenario, society
+from armadico.config.profile import load_kind, load_profile
+from armadico.config.scenarios import Scenario
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Log, Message
 from armadico.core.resources import WHEELS
@@ -82,8 +83,9 @@ class Rehearsal(Run):
         where = self.namespace
         self.mesh.watch(self._show, *watched(), namespace=where)
         self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log, namespace=where)
-        factory = find(SIMULATORS, society().simulator).load()
-        self.robot = factory(scenario, self._stream, self._publish)
+        kind = load_kind(load_profile(scenario.robot).section)
+        self.robot = kind.in_scenario(scenario, self._stream)
+        self.robot.watch(self._publish)
         self._clock = clock
         self._starts: Counter[str] = Counter()
         taking = members(scenario, options, "memory:")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import remainder, tau
 
 from armadico.bridge.odometry import Continuous
+from armadico.bridge.p2os.profile import P2osUnits
 from armadico.bridge.p2os.status import POSITION_COUNTS, Status
 from armadico.bridge.session import Pose
-from armadico.config.profile import P2osUnits
 
 
 class Odometry(Continuous):

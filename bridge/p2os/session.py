@@ -34,10 +34,11 @@ from armadico.bridge.p2os.handshake import (
 )
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.profile import P2osUnits
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.bridge.session import Connected, LinkLost, Unanswered, Unfit
 from armadico.bridge.session import Reported as Neutral
-from armadico.config.profile import Limits, P2osUnits
+from armadico.config.profile import Limits
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
 ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from msgspec import Struct
 
-from armadico.config.profile import P2osUnits
+from armadico.bridge.p2os.profile import P2osUnits
 
 STOPPED, MOVING = 0x32, 0x33
 STATUS_TYPES = (STOPPED, MOVING)

@@ -60,8 +60,15 @@ def read_address(url: str) -> Address:
     return Address(namespace, int(domain), interface)
 
 
+def open_ros2(url: str) -> SampleTransport:
+    """Open the transport to a robot's network. Raises ValueError, TransportError."""
+    transport = client_transport(url)
+    transport.open()
+    return transport
+
+
 def client_transport(url: str) -> SampleTransport:
-    """The transport to a robot's network, not yet open. Raises ValueError."""
+    """The same, not yet open. Raises ValueError."""
     return _transport(url, NODE, listens=False)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from math import degrees, radians
 
 from armadico.bridge.ros2 import types
-from armadico.config.profile import Laser, Ros2Robot
+from armadico.bridge.ros2.profile import Ros2Robot
+from armadico.config.profile import Laser
 
 APART_RAD = radians(2.0)
 """Angles that differ by less, or by less than two rays, are the same."""

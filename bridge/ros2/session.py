@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
 from armadico.bridge.counting import Counting
+from armadico.bridge.ramps import Ramps
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
 from armadico.bridge.ros2.described import odometry_differs, scan_differs
@@ -27,7 +28,7 @@ from armadico.bridge.ros2.geometry import norm2, yaw
 from armadico.bridge.ros2.hazards import Hazards
 from armadico.bridge.ros2.mounts import LEVEL_RAD, Frames, Mount
 from armadico.bridge.ros2.odometry import Measured, Odometry
-from armadico.bridge.ros2.ramps import Ramps
+from armadico.bridge.ros2.profile import Ros2, Ros2Robot, Topic
 from armadico.bridge.ros2.rangers import Rangers
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
@@ -40,7 +41,6 @@ from armadico.bridge.session import (
     Swept,
     Unanswered,
 )
-from armadico.config.profile import Ros2, Ros2Robot, Topic
 from armadico.mobile.geometry import Pose2
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3

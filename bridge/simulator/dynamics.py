@@ -26,7 +26,7 @@ from typing import ClassVar
 
 from msgspec import Struct
 
-from armadico.config.profile import P2osRobot
+from armadico.config.profile import IdentifiedRobot
 
 
 class Wheels(Struct, frozen=True):
@@ -37,7 +37,7 @@ class Wheels(Struct, frozen=True):
     coulomb_nm: float  # C_s and the motor's tau_fr together
 
     @classmethod
-    def of(cls, profile: P2osRobot) -> Wheels:
+    def of(cls, profile: IdentifiedRobot) -> Wheels:
         """The wheels of a robot."""
         motor = profile.motor
         geared = motor.gear_ratio * motor.efficiency
@@ -50,7 +50,7 @@ class Wheels(Struct, frozen=True):
         )
 
 
-def _masses(profile: P2osRobot) -> tuple[float, ...]:
+def _masses(profile: IdentifiedRobot) -> tuple[float, ...]:
     """mA, IA, -M cy, mc, Ip1, -l1, 1/d and M cx: J and the centrifugal terms without the caster."""
     body, inertia, caster = profile.body, profile.inertia, profile.caster
     x, y, track = inertia.mass_centre_x_m, inertia.mass_centre_y_m, body.half_track_m
@@ -70,7 +70,7 @@ def _masses(profile: P2osRobot) -> tuple[float, ...]:
     )
 
 
-def _forces(profile: P2osRobot) -> tuple[float, ...]:
+def _forces(profile: IdentifiedRobot) -> tuple[float, ...]:
     """N and Nm for a volt, N for a m/s and Nm for a rad/s lost (a15, a26), and C_v1."""
     radius, track, wheels = (
         profile.body.wheel_radius_m,
@@ -82,7 +82,7 @@ def _forces(profile: P2osRobot) -> tuple[float, ...]:
     return (per_volt, track * per_volt, loss, loss * track**2, viscous)
 
 
-def _coulomb(profile: P2osRobot, dt: float) -> tuple[float, ...]:
+def _coulomb(profile: IdentifiedRobot, dt: float) -> tuple[float, ...]:
     """N at a rim, Nm at the caster's pivot, the half track, and the speed that is far from rest.
 
     Far is four times what friction takes from a rim in a step: sliding on is then certain.
@@ -109,7 +109,7 @@ class Dynamics:
 
     by_volts: ClassVar[bool] = True
 
-    def __init__(self, profile: P2osRobot, dt: float) -> None:
+    def __init__(self, profile: IdentifiedRobot, dt: float) -> None:
         self.v = self.w = self.beta = 0.0
         self.dt = dt
         self._masses = _masses(profile)
@@ -240,7 +240,7 @@ def _clamped(
     return v + d0 * force, w + d1 * force
 
 
-def breakaway_v(profile: P2osRobot) -> float:
+def breakaway_v(profile: IdentifiedRobot) -> float:
     """The voltage on both motors below which a robot at rest stays at rest, V."""
     wheels = Wheels.of(profile)
     return wheels.coulomb_nm / wheels.gain_nm_v

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import exp
 from typing import ClassVar
 
-from armadico.config.profile import Ros2Robot
+from armadico.config.profile import ModelledRobot
 
 
 class Kinematics:
@@ -20,7 +20,7 @@ class Kinematics:
 
     by_volts: ClassVar[bool] = False
 
-    def __init__(self, profile: Ros2Robot, dt: float) -> None:
+    def __init__(self, profile: ModelledRobot, dt: float) -> None:
         body, drive = profile.body, profile.drive
         self.v = self.w = 0.0
         self.dt = dt

@@ -20,6 +20,7 @@ from armadico.bridge.p2os.configuration import (
     encode_text,
 )
 from armadico.bridge.p2os.packets import QUIET_S, Decoder, encode
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.simulator.motion import (
     LIMITS,
@@ -34,7 +35,6 @@ from armadico.bridge.simulator.motion import (
 )
 from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
 from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.profile import P2osRobot
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
 IDLE_S = 10.0  # MobileSim gives a handshake so long

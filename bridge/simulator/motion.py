@@ -7,8 +7,8 @@ from math import pi, remainder, tau
 from typing import Protocol
 
 from armadico.bridge.p2os.commands import Cmd, Command
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.motion_profile import Axis
-from armadico.config.profile import P2osRobot
 
 TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180

@@ -4,32 +4,28 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.plant import Plant, Site, Streams
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.profile import P2osRobot, SensorProfile
+from armadico.bridge.simulator.traps import Trap
 
 
 class Pioneer(SimulatedRobot):
     """A robot with a controller that speaks P2OS."""
 
-    def __init__(
-        self,
-        profile: P2osRobot,
-        sensors: SensorProfile,
-        site: Site,
-        streams: Streams,
-        traps: frozenset[Trap] = KIND,
-    ) -> None:
-        """Stand where the site has it begin, among all that is there."""
-        if Trap.RAYS in traps:
+    def __init__(self, profile: P2osRobot, stage: Stage) -> None:
+        """Stand where the stage has it begin, among all that is there."""
+        units = profile.p2os
+        profile = replace(profile, p2os=replace(units, name=stage.name or units.name))
+        if Trap.RAYS in stage.traps:
             profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
-        plant = Plant(profile, sensors, site, streams)
+        plant = Plant(profile, stage.sensors, stage.site, stage.streams)
         motor, body = profile.motor, profile.body
         emf = motor.back_emf_v_s * motor.gear_ratio / body.wheel_radius_m
         per_axis = emf, emf * body.half_track_m
         loops = SpeedLoops(profile.speed_loop, motor.supply_v, emf=per_axis)
-        controller = Microcontroller(profile, plant, loops, traps)
+        controller = Microcontroller(profile, plant, loops, stage.traps)
         super().__init__(plant, controller, profile.p2os.name, profile.p2os.cycle_s)

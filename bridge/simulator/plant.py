@@ -31,7 +31,7 @@ from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Floats, Wall, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
-from armadico.config.profile import P2osRobot, Ros2Robot, SensorProfile
+from armadico.config.profile import IdentifiedRobot, ModelledRobot, SensorProfile
 from armadico.config.worlds import Column, Pose
 
 STEP_S = 0.005
@@ -84,7 +84,7 @@ class Plant:
 
     def __init__(
         self,
-        profile: P2osRobot | Ros2Robot,
+        profile: IdentifiedRobot | ModelledRobot,
         sensors: SensorProfile,
         site: Site,
         rng: Streams,
@@ -97,7 +97,7 @@ class Plant:
         self._docks = tuple(site.docks)
         self._dynamics: Drive = (
             Kinematics(profile, STEP_S)
-            if isinstance(profile, Ros2Robot)
+            if isinstance(profile, ModelledRobot)
             else Dynamics(profile, STEP_S)
         )
         self._odometry = Odometry(profile, sensors, STEP_S, rng)

@@ -1,30 +1,35 @@
-"""The simulated robot that a scenario names, whichever protocol it speaks."""
+"""Where a scenario puts its simulated robot, of whichever kind that is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Site, Streams
-from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
-from armadico.config.profile import Ros2Robot, SensorProfile, load_profile
+from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import load_world
-from armadico.core.messages import Message
 
 
-def of_scenario(
-    scenario: Scenario, streams: Streams, name: str = "", traps: frozenset[Trap] = KIND
-) -> SimulatedRobot:
-    """The robot that a scenario names, where the scenario puts it.
+@dataclass(frozen=True)
+class Stage:
+    """What is about a simulated robot."""
 
-    Its controller has a name of its own where other simulators may be about. `traps` are those of
-    controllers that speak P2OS.
-    """
+    sensors: SensorProfile
+    site: Site
+    streams: Streams  # of random numbers, by name
+    name: str = ""  # of its controller, where other simulators may be about; "": the profile's
+    traps: frozenset[Trap] = KIND
+    clock_s: float = 0.0  # what the robot's clock shows when it begins
+
+
+def staged(
+    scenario: Scenario, streams: Streams, name: str, traps: frozenset[Trap], clock_s: float
+) -> tuple[RobotProfile, Stage]:
+    """The profile of a scenario's robot, with the battery that it has there, and its stage."""
     start = scenario.start
     profile, world = load_profile(scenario.robot), load_world(scenario.world)
     capacity_ah = scenario.battery.capacity_ah or profile.battery.capacity_ah
@@ -32,19 +37,4 @@ def of_scenario(
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     docks, charge = tuple(world.docks.values()), scenario.battery.charge
     site = Site(world.walls, start, world.columns, scenario.moving, docks, charge)
-    if isinstance(profile, Ros2Robot):
-        # As in `armadico.bridge.robot`: who speaks P2OS does not wait for ROS 2's messages.
-        from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot  # noqa: PLC0415
-
-        return Ros2SimulatedRobot(profile, sensors, site, streams, name)
-    profile = replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name))
-    return Pioneer(profile, sensors, site, streams, traps)
-
-
-def on_virtual_mesh(
-    scenario: Scenario, streams: Streams, publish: Callable[[Message], None]
-) -> SimulatedRobot:
-    """The same, publishing the truth on a mesh."""
-    robot = of_scenario(scenario, streams)
-    robot.watch(publish)
-    return robot
+    return profile, Stage(sensors, site, streams, name, traps, clock_s)

@@ -6,9 +6,9 @@ from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Wanted, Wants, said
+from armadico.bridge.ros2.profile import Ros2
 from armadico.bridge.ros2.samples import SampleTransport
 from armadico.bridge.ros2.session import wanted, wants
-from armadico.config.profile import Ros2
 
 
 def published(ros2: Ros2) -> tuple[Wanted, ...]:

@@ -18,9 +18,10 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read, said
 from armadico.bridge.ros2.geometry import rotation
-from armadico.bridge.simulator.plant import Plant, Site, Streams
+from armadico.bridge.ros2.profile import Ros2Robot, Topic
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.simulated import SimulatedRobot
-from armadico.config.profile import Ros2Robot, SensorProfile, Topic
 from armadico.mobile.geometry import Pose2
 
 IDLE_S = 10.0
@@ -303,12 +304,10 @@ class Ros2SimulatedRobot(SimulatedRobot):
     def __init__(
         self,
         profile: Ros2Robot,
-        sensors: SensorProfile,
-        site: Site,
-        streams: Streams,
-        name: str = "",
+        stage: Stage,
     ) -> None:
-        """Stand where the site has it begin; `name` is the node that it says it is."""
-        plant = Plant(profile, sensors, site, streams)
-        base = Base(profile, plant, name or profile.name)
-        super().__init__(plant, base, name or profile.name, profile.cycle_s)
+        """Stand where the stage has it begin; its `name` is the node that it says it is."""
+        plant = Plant(profile, stage.sensors, stage.site, stage.streams)
+        name = stage.name or profile.name
+        base = Base(profile, plant, name, stage.clock_s)
+        super().__init__(plant, base, name, profile.cycle_s)

@@ -17,7 +17,8 @@ from armadico.agents.methods.grid import Grid, Margins
 from armadico.agents.methods.path_smoothing import ROUND_M, rounded
 from armadico.agents.methods.planning import Plan, PlanError
 from armadico.agents.methods.room_graph import Leg, axis, route
-from armadico.config.profile import RobotProfile, load_profile
+from armadico.bridge.p2os.profile import P2osRobot
+from armadico.config.profile import load_profile
 from armadico.config.worlds import Door, Room, Segment, World
 from armadico.mobile.geometry import wrap
 
@@ -399,12 +400,12 @@ def test_the_axis_of_a_door_is_square_to_its_wall() -> None:
 
 
 @pytest.fixture(scope="module")
-def pioneer() -> RobotProfile:
+def pioneer() -> P2osRobot:
     text = (files("armadico.configs") / "robots" / "pioneer-2dx.toml").read_text()
-    return msgspec.convert(tomllib.loads(text), RobotProfile)
+    return msgspec.convert(tomllib.loads(text), P2osRobot)
 
 
-def test_at_top_speed_both_motors_take_their_whole_supply(pioneer: RobotProfile) -> None:
+def test_at_top_speed_both_motors_take_their_whole_supply(pioneer: P2osRobot) -> None:
     """12 V gives 1.676 m/s, where a motor draws (12 - t_r K_E v / R) / R_a."""
     speed = 1.676
     back_emf = 19.7 * 0.023 * speed / 0.0825
@@ -419,7 +420,7 @@ def straight(length: float) -> list[Placed]:
 
 
 def test_energy_grows_with_the_way_and_empties_the_battery_in_its_time(
-    pioneer: RobotProfile,
+    pioneer: P2osRobot,
 ) -> None:
     one, two = (energy(straight(length), pioneer, PACE) for length in (6.0, 12.0))
     start = 0.5 * pioneer.body.mass_kg * 0.5**2
@@ -432,7 +433,7 @@ def test_energy_grows_with_the_way_and_empties_the_battery_in_its_time(
 
 
 def test_creeping_takes_more_than_cruising_because_of_the_electronics(
-    pioneer: RobotProfile,
+    pioneer: P2osRobot,
 ) -> None:
     way = straight(12.0)
     assert energy(way, pioneer, PACE, 0.1).joules > energy(way, pioneer, PACE, 0.4).joules
@@ -440,7 +441,7 @@ def test_creeping_takes_more_than_cruising_because_of_the_electronics(
     assert full - low == pytest.approx(24.0 * pioneer.battery.idle_a * 2.9)
 
 
-def test_turning_costs_its_time_and_the_motors_on_the_spot(pioneer: RobotProfile) -> None:
+def test_turning_costs_its_time_and_the_motors_on_the_spot(pioneer: P2osRobot) -> None:
     pace = Pace(v_m_s=0.5, turn_s=2.0, ends_s=5.0, turn_rad_s=0.5)
     corner = [*straight(6.0), Placed(6.0, 6.0, 0.0)]  # there to the left, and back at the end
     bent, even = energy(corner, pioneer, pace), energy(straight(12.0), pioneer, pace)
@@ -452,7 +453,7 @@ def test_turning_costs_its_time_and_the_motors_on_the_spot(pioneer: RobotProfile
     assert bent.joules - even.joules == pytest.approx(idle + math.pi / 0.5 * on_the_spot)
 
 
-def test_standing_costs_the_motors_nothing_and_a_way_has_an_end(pioneer: RobotProfile) -> None:
+def test_standing_costs_the_motors_nothing_and_a_way_has_an_end(pioneer: P2osRobot) -> None:
     assert motor_power(pioneer, 0.0) == 0.0
     with pytest.raises(ValueError, match="no energy"):
         energy(straight(1.0)[:1], pioneer, PACE)

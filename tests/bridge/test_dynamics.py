@@ -11,12 +11,12 @@ from math import acos, cos, degrees, hypot, pi, sin
 import msgspec
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
-from armadico.config.profile import RobotProfile
 
 PROFILE = msgspec.convert(
     tomllib.loads(files("armadico.configs").joinpath("robots/pioneer-2dx.toml").read_text()),
-    RobotProfile,
+    P2osRobot,
 )
 STEP_S = 0.005
 ANGLES = [k * pi / 6 for k in range(12)]

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.bridge.gaps import SHARE, SLOWEST_M_S, Gaps, met_within
-from armadico.config.profile import Laser, Ros2Robot, load_profile
+from armadico.bridge.ros2.profile import Ros2Robot
+from armadico.config.profile import Laser, load_profile
 from armadico.core.messages import Cycle
 from armadico.mobile.scans import message_of
 

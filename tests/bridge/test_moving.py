@@ -9,11 +9,12 @@ from math import dist, hypot, inf, pi
 import msgspec
 import pytest
 
-from armadico.bridge.simulator import command
 from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, Movement, pushed
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.walls import Wall
+from armadico.cli import sim as command
 from armadico.cli.options import UsageError
 from armadico.config.loading import find, load_entry
 from armadico.config.moving import Moving
@@ -165,7 +166,7 @@ def test_a_robot_pushes_to_where_it_does_not_go() -> None:
 
 def test_the_truth_tells_whose_fault_it_was() -> None:
     someone = walker(1.0, 0.0, heeds=False)
-    pioneer = Pioneer(PROFILE, IDEAL, Site(PEN, moving=[someone]), seeded(1))
+    pioneer = Pioneer(PROFILE, Stage(IDEAL, Site(PEN, moving=[someone]), seeded(1)))
     wait(pioneer.plant, 60.0)
     truth = pioneer.truth()
     assert truth.collisions == truth.bumped == pioneer.plant.bumps > 0

@@ -11,13 +11,14 @@ from random import Random
 import msgspec
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
 from armadico.config.errors import ConfigError
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import SensorProfile
 from armadico.mobile.geometry import Pose2, compose
 
 
@@ -25,7 +26,7 @@ def config(name: str) -> dict[str, object]:
     return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
 
 
-PROFILE = msgspec.convert(config("pioneer-2dx"), RobotProfile)
+PROFILE = msgspec.convert(config("pioneer-2dx"), P2osRobot)
 IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
 REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
 FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.width_m / 2

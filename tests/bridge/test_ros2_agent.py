@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 from itertools import pairwise
 from math import nan
 
@@ -13,9 +15,9 @@ from armadico.bridge.robot import Parameters, Robot
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.frames import Decoder, Seen, frame, said
+from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import RAMP_S
 from armadico.config.errors import ConfigError
-from armadico.config.profile import Ros2Robot
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Ack, Ballot, Command, Description, Log, Message, RobotState, Stop
@@ -392,3 +394,36 @@ def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
     assert speeds[0] < before
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] == 0.0
+
+
+WITHOUT = """
+import importlib.util, sys
+sys.modules["pycdr2"] = None
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "pycdr2" else found(name, *rest)
+from armadico.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+"""A command where the module of the extra `ros2` is not installed."""
+
+
+def without(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT, *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_without_the_extra_a_pioneer_drives_and_for_a_jackal_a_line_says_what_to_install() -> None:
+    run = ("run", "sc1", "--virtual", "--no-plot", "--goal", "0.5", "0", "0", "--profile")
+    pioneer, jackal = (without(*run, name) for name in ("pioneer-2dx", "jackal"))
+    assert pioneer.returncode == 0, pioneer.stderr
+    assert jackal.returncode == 2, "its configuration is at fault"
+    assert "[ros2] in its profile needs the module pycdr2" in jackal.stderr
+    assert "pip install 'armadico[ros2]'" in jackal.stderr
+    assert len(jackal.stderr.splitlines()) == 1
+
+
+def test_without_the_extra_the_gateway_to_ros_2_says_what_to_install() -> None:
+    done = without("ros2", "--world", "sc1")
+    assert done.returncode == 1
+    assert "pip install 'armadico[ros2]'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

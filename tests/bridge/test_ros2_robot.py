@@ -11,13 +11,15 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import Decoder, Wants, frame, said
 from armadico.bridge.ros2.mounts import Frames, Mount
+from armadico.bridge.ros2.profile import Ros2Robot, Topic
 from armadico.bridge.ros2.session import Session, wants
 from armadico.bridge.session import Connected, Reported
 from armadico.bridge.simulator.plant import Site, seeded
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.ros2_line import published
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load_entry
-from armadico.config.profile import Ros2Robot, SensorProfile, Topic, load_profile
+from armadico.config.profile import SensorProfile, load_profile
 
 IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
 REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
@@ -50,7 +52,7 @@ class Bench:
         seed: int = 1,
     ) -> None:
         self.profile = profile
-        self.robot = Ros2SimulatedRobot(profile, sensors, Site(walls), seeded(seed), "/sim")
+        self.robot = Ros2SimulatedRobot(profile, Stage(sensors, Site(walls), seeded(seed), "/sim"))
         self.now = 0.0
         self.heard: list[tuple[float, str, bytes]] = []
         self.decoder = Decoder()

@@ -13,17 +13,18 @@ import msgspec
 import numpy as np
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.sonar import Sonars, Surfaces, echo, fan, in_cone
 from armadico.bridge.simulator.walls import DEAD, Box, Surface, Wall, Walls
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import SensorProfile
 
 
 def config(name: str) -> dict[str, object]:
     return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
 
 
-RING = msgspec.convert(config("pioneer-2dx"), RobotProfile).sonar
+RING = msgspec.convert(config("pioneer-2dx"), P2osRobot).sonar
 IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
 REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
 EXACT = msgspec.structs.replace(IDEAL, sonar_noise_m=0.0, dropout=0.0)

@@ -9,13 +9,13 @@ from typing import Literal
 import msgspec
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from armadico.config.profile import RobotProfile
 
 PROFILE = msgspec.convert(
     tomllib.loads(files("armadico.configs").joinpath("robots/pioneer-2dx.toml").read_text()),
-    RobotProfile,
+    P2osRobot,
 )
 SUPPLY_V = PROFILE.motor.supply_v
 STEP_S = 0.005

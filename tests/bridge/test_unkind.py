@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from armadico.bridge.simulator import robots
+from armadico.bridge.kind import RobotKind
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.plant import Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.traps import UNKIND
 from armadico.config.scenarios import Scenario, ideal, load_scenario
-from armadico.core.messages import Description, Message
+from armadico.core.messages import Description
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.ports import free_port
@@ -41,14 +41,11 @@ SEEN = (Description, Pose, Truth)  # the truth counts by the description of its 
 def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Three of nine; live, all were driven by hand (docs/controller.md)."""
 
-    def unkind(
-        scenario: Scenario, streams: Streams, publish: Callable[[Message], None]
-    ) -> SimulatedRobot:
-        robot = robots.of_scenario(scenario, streams, traps=UNKIND)
-        robot.watch(publish)
-        return robot
+    def unkind(kind: RobotKind[P2osRobot], scenario: Scenario, streams: Streams) -> SimulatedRobot:
+        return in_scenario(kind, scenario, streams, traps=UNKIND)
 
-    monkeypatch.setattr(robots, "on_virtual_mesh", unkind)
+    in_scenario = RobotKind.in_scenario
+    monkeypatch.setattr(RobotKind, "in_scenario", unkind)
     rehearsal, view = Rehearsal(ideal(load_scenario(name)), Options(seed=7)), View()
     rehearsal.mesh.watch(lambda _, message, now: view.learn(message, now), *SEEN)
     assert rehearsal.run().reached

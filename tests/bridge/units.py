@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from armadico.config.profile import P2osUnits
+from armadico.bridge.p2os.profile import P2osUnits
 
 UNITS = P2osUnits(
     distance_mm=0.84,

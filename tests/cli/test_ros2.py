@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from armadico.bridge.ros2 import command
 from armadico.bridge.ros2.addresses import read_address
+from armadico.cli import ros2 as command
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.errors import ConfigError
 

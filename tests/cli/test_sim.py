@@ -17,6 +17,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico import cli
+from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.p2os.configuration import CONFIG
 from armadico.bridge.p2os.packets import Decoder
@@ -25,7 +26,6 @@ from armadico.bridge.ros2.session import Session
 from armadico.bridge.session import Reported
 from armadico.bridge.simulator.microcontroller import IDLE_S
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.robots import of_scenario
 from armadico.bridge.simulator.ros2_robot import IDLE_S as WANTS_NOTHING_S
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 from armadico.bridge.simulator.traps import KIND, Trap
@@ -226,7 +226,7 @@ class Served:
     ) -> None:
         self.line, self.clock = line, Clock()
         scenario = replace(load_scenario("sc1"), robot=robot)
-        self.robot = robot = of_scenario(scenario, seeded(1), traps=traps)
+        self.robot = robot = simulated(scenario, seeded(1), traps=traps)
         self.simulation = Simulation(robot, Hasty(line), self.clock)
 
     def client(self) -> socket.socket:

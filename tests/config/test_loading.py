@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct, inspect
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.config import fields
 from armadico.config.errors import ConfigError, advice, nearest
 from armadico.config.lines import line_of
@@ -25,7 +26,7 @@ from armadico.config.loading import (
     parse,
     set_values,
 )
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import SensorProfile
 
 
 class Zones(Struct, frozen=True):
@@ -261,7 +262,7 @@ def test_every_shipped_robot_loads() -> None:
             "turtlebot4",
         )
     ]
-    assert load(find("robots", "pioneer-2dx"), RobotProfile).name == "pioneer-2dx"
+    assert load(find("robots", "pioneer-2dx"), P2osRobot).name == "pioneer-2dx"
 
 
 @pytest.mark.parametrize(
@@ -272,7 +273,7 @@ def test_what_is_divided_by_is_not_too_small_for_that(tmp_path: Path, key: str) 
     path = tmp_path / "own.toml"
     path.write_text(re.sub(rf"^{key} *=.*", f"{key} = 1e-300", text, flags=re.MULTILINE))
     with pytest.raises(ConfigError, match=rf"{key} = 1e-300: expected a number >= "):
-        load(path, RobotProfile)
+        load(path, P2osRobot)
 
 
 LASER = """
@@ -293,7 +294,7 @@ noise_m = 0.01
 def test_a_robot_may_have_a_laser(tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
     path.write_text(find("robots", "pioneer-2dx").read_text() + LASER)
-    laser = load(path, RobotProfile).laser
+    laser = load(path, P2osRobot).laser
     assert laser is not None
     assert laser.step_deg == pytest.approx(270.0 / 719)
     assert not laser.upside_down
@@ -322,7 +323,7 @@ def test_a_laser_that_no_one_has_is_refused(
     laser = LASER.replace(written, instead)
     path.write_text(find("robots", "pioneer-2dx").read_text() + laser)
     with pytest.raises(ConfigError, match=message):
-        load(path, RobotProfile)
+        load(path, P2osRobot)
 
 
 def test_sensors_are_entries_of_one_file_and_no_robots() -> None:

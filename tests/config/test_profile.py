@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
+from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.config.errors import ConfigError
 from armadico.config.loading import find, names
-from armadico.config.profile import NEVER_S, P2osRobot, Ros2Robot, load_profile
+from armadico.config.profile import NEVER_S, load_profile
 
 
 def without(text: str, table: str) -> str:
@@ -27,10 +29,10 @@ def written(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("name", names("robots"))
-def test_each_shipped_robot_is_one_of_two_kinds(name: str) -> None:
+def test_each_shipped_robot_is_of_a_kind_that_is_ours(name: str) -> None:
     profile = load_profile(name)
     assert profile.name == name
-    assert isinstance(profile, Ros2Robot if profile.p2os is None else P2osRobot)
+    assert isinstance(profile, (P2osRobot, Ros2Robot))
     assert profile.reach_m > 1.0
     assert profile.body.circle_m < 1.0
 
@@ -58,11 +60,11 @@ def test_a_robot_without_a_watchdog_says_the_longest_there_is() -> None:
 @pytest.mark.parametrize(
     ("robot", "table", "message"),
     [
-        ("jackal", "drive", r"\[ros2\] needs \[drive\], too"),
-        ("jackal", "laser", r"neither \[sonar\] nor \[laser\]"),
-        ("pioneer-2dx", "motor", r"\[p2os\] needs \[motor\], too"),
-        ("pioneer-2dx", "caster", r"\[p2os\] needs \[caster\], too"),
-        ("pioneer-2dx", "p2os", r"a table \[p2os\] or a table \[ros2\], and not both"),
+        ("jackal", "drive", "missing key drive"),
+        ("jackal", "laser", r"needs a table \[sonar\] or a table \[laser\]"),
+        ("pioneer-2dx", "motor", "missing key motor"),
+        ("pioneer-2dx", "caster", "missing key caster"),
+        ("pioneer-2dx", "p2os", r"which kind of robot it is \(installed kinds of robots: p2os"),
         ("jackal", "ros2.odom", "odom"),
     ],
 )
@@ -89,6 +91,63 @@ efficiency = 0.5
     path = written(tmp_path, find("robots", "pioneer-2dx").read_text() + drive)
     with pytest.raises(ConfigError, match=r"\[p2os\] has no use for \[drive\]"):
         load_profile(path)
+
+
+def test_a_robot_of_two_kinds_is_refused(tmp_path: Path) -> None:
+    text = find("robots", "pioneer-2dx").read_text() + "[ros2]\ncycle_s = 0.1\n"
+    line = len(text.splitlines()) - 1
+    with pytest.raises(ConfigError, match=rf":{line}: has tables \[p2os\] and \[ros2\]"):
+        load_profile(written(tmp_path, text))
+
+
+def test_a_kind_that_is_not_installed_is_named_with_those_that_are(tmp_path: Path) -> None:
+    text = find("robots", "jackal").read_text().replace("[ros2", "[ros")
+    line = next(n for n, row in enumerate(text.splitlines(), 1) if row.startswith("[ros]"))
+    with pytest.raises(ConfigError, match=rf":{line}: \[ros\] is no kind .* mean \[ros2\]\?"):
+        load_profile(written(tmp_path, text))
+
+
+def test_a_value_of_a_section_is_told_with_its_line(tmp_path: Path) -> None:
+    text = find("robots", "jackal").read_text().replace("odom_hz = 50.0", "odom_hz = 5e3")
+    assert "odom_hz = 5e3" in text
+    line = next(n for n, row in enumerate(text.splitlines(), 1) if "odom_hz = 5e3" in row)
+    with pytest.raises(ConfigError, match=rf":{line}: ros2.odom_hz = 5000.0"):
+        load_profile(written(tmp_path, text))
+
+
+@pytest.fixture
+def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with kinds of robots that are none, and one that cannot be loaded."""
+    info = tmp_path / "foreign-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: foreign\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[armadico.robots]\nchair = pathlib:Path\ngone = foreign.robot:KIND\n"
+        "other = armadico.bridge.p2os_kind:P2OS\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+@pytest.mark.usefixtures("foreign")
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("chair", r":1: chair \(pathlib:Path\) is no RobotKind"),
+        ("gone", r":1: gone \(foreign.robot:KIND\) cannot be loaded"),
+        ("other", r":1: other .* has a profile whose section is 'p2os'"),
+    ],
+)
+def test_an_entry_point_that_leads_to_no_kind_of_robot_is_named(
+    tmp_path: Path, section: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_profile(written(tmp_path, f"[{section}]\ncycle_s = 0.1\n"))
+
+
+@pytest.mark.usefixtures("foreign")
+def test_a_package_that_cannot_be_loaded_hides_no_other_profile() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'jackal'"):
+        load_profile("jackl")
 
 
 def test_a_laser_needs_a_topic(tmp_path: Path) -> None:

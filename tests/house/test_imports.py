@@ -28,8 +28,11 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
     (
         "armadico.bridge",
-        "the robot knows no behaviour",
-        ("armadico.agents", "armadico_tools", "armadico.cli", "armadico.launch"),
+        "the robot knows no behaviour, and nobody who looks at it",
+        (
+            *("armadico.agents", "armadico_tools", "armadico.mesh", "armadico.runtime"),
+            *("armadico.observe", "armadico.gateways", "armadico.launch", "armadico.cli"),
+        ),
     ),
     (
         "armadico.bridge.robot",
@@ -39,7 +42,10 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "armadico.bridge.p2os",
         "the codec is the robot's and the simulator's, and knows neither",
-        ("armadico.bridge.simulator", "armadico.bridge.robot", "armadico.core.agent"),
+        (
+            *("armadico.bridge.simulator", "armadico.bridge.robot", "armadico.bridge.ros2"),
+            "armadico.core.agent",
+        ),
     ),
     (
         "armadico.bridge.ros2",
@@ -61,8 +67,9 @@ RUNS = {
 """The modules of a wing that are no agent and no method: its commands, runs and views."""
 
 APART: dict[str, tuple[str, ...]] = {
-    "armadico": ("armadico",),  # the surface, which looks names up where they are defined
-    "armadico.bridge": ("armadico.bridge.simulator.command", "armadico.bridge.ros2.command"),
+    # The surface, which looks names up where they are defined; what shows a society to ROS 2 has
+    # its words from the bridge, and a command starts a simulator.
+    "armadico": ("armadico", "armadico.gateways.ros2", "armadico.cli.ros2", "armadico.cli.sim"),
     "armadico.agents": tuple(
         name
         for name in modules()
@@ -119,7 +126,11 @@ ZENOH = {"armadico.mesh.zenoh", "armadico.bridge.ros2.rmw_zenoh"}
 
 TIED = {
     *("armadico.cli.run", "armadico.launch.virtual"),
-    *("armadico.observe.page.asked", "armadico.observe.page.known", "armadico.observe.page.model"),
+    *(
+        "armadico.gateways.page.asked",
+        "armadico.gateways.page.known",
+        "armadico.gateways.page.model",
+    ),
 }
 """The framework's modules that still know a capability."""
 
@@ -206,7 +217,7 @@ def test_who_knows_zenoh_and_the_floors_that_it_is_measured_against() -> None:
 @pytest.mark.parametrize(
     "module",
     [f"armadico.{n}" for n in SANS_IO]
-    + [f"armadico.observe.page.{n}" for n in PAGE_SANS_IO]
+    + [f"armadico.gateways.page.{n}" for n in PAGE_SANS_IO]
     + [f"armadico.bridge.p2os.{n}" for n in P2OS_SANS_IO]
     + [f"armadico.bridge.ros2.{n}" for n in ROS2_SANS_IO],
 )

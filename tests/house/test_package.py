@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from armadico import cli
+from armadico.bridge.kind import RobotKind
 from armadico.config.discovery import Found
 from armadico.core.agent import Agent
 from tests.house.tree import (
@@ -130,7 +131,10 @@ def test_what_the_laboratory_needs_besides_is_locked() -> None:
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
 def test_every_entry_point_can_be_loaded_and_says_what_it_is_for(entry: Found) -> None:
-    assert import_module(entry.module) if ":" not in entry.value else callable(entry.load())
+    if ":" in entry.value:
+        assert callable(found := entry.load()) or isinstance(found, RobotKind)
+    else:
+        assert import_module(entry.module)
     assert entry.summary
 
 

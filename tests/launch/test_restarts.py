@@ -8,9 +8,9 @@ from math import hypot
 import pytest
 from msgspec.structs import replace
 
+from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import Cmd, command
-from armadico.config.discovery import SIMULATORS, find
-from armadico.config.scenarios import Scenario, society
+from armadico.config.scenarios import Scenario
 from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
@@ -138,8 +138,7 @@ def test_states_that_climb_stop_the_society_for_no_longer_than_they_come(apart: 
 
 def second_robot(drive: Drive, *, admit: bool) -> Node:
     """Another robot agent, with a controller of its own."""
-    factory = find(SIMULATORS, society().simulator).load()
-    controller = factory(LINE, drive.mesh.stream, lambda *_: None)
+    controller = simulated(LINE, drive.mesh.stream)
     kind = type(drive.mesh.node("robot").agent)
     first = drive.mesh.node("robot").agent
     agent = kind(drive.mesh.identity("robot", 7), first.p)

@@ -35,7 +35,7 @@ from tests import real_ros
 
 from .ros2_reader import mcap_support
 
-READS = Path(__file__).parents[1] / "bridge" / "ros2" / "rclpy_reads.py"
+READS = Path(__file__).parents[1] / "gateways" / "ros2" / "rclpy_reads.py"
 WITHOUT = {"diagnostic_msgs/msg/DiagnosticArray"}
 """Its package is not to be had, as that of tf2_msgs is not."""
 

@@ -11,8 +11,8 @@ from statistics import fmean
 import numpy as np
 import pytest
 
+from armadico.bridge.kind import simulated
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.robots import of_scenario
 from armadico.bridge.transports import TransportError
 from armadico.cli import main
 from armadico.cli.options import FailedError
@@ -297,7 +297,7 @@ class Line:
     """The simulated robot's port as a transport; each reading takes 20 ms of its time."""
 
     def __init__(self) -> None:
-        self.robot = of_scenario(ideal(load_scenario("sc1")), seeded(1))
+        self.robot = simulated(ideal(load_scenario("sc1")), seeded(1))
         self.now = 0.0
         self.url = "memory:"
 
@@ -356,7 +356,7 @@ def test_a_line_that_breaks_is_a_failure_and_not_a_trace(
     def broken(url: str) -> Line:
         raise TransportError(f"cannot reach {url}")
 
-    monkeypatch.setattr("armadico.bridge.transports.open_transport", broken)
+    monkeypatch.setattr("armadico.runtime.port_reader.open_port", broken)
     path = str(tmp_path / "a.csv")
     assert main(["identify", "--record", path, "--robot", "tcp://nowhere:1"]) == 1
     assert "cannot reach tcp://nowhere:1" in capsys.readouterr().err

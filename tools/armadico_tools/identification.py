@@ -30,8 +30,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Wheels
-from armadico.config.profile import P2osRobot
 from armadico_tools.speed_log import Floats, Log
 
 WINDOW_S: Final = 0.4

@@ -17,11 +17,11 @@ from armadico.bridge.p2os.commands import (
     command,
 )
 from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.profile import RobotProfile
 
 
 class Lagging:
@@ -89,7 +89,7 @@ class Lagging:
 class Bench:
     """A controller, and hands to type commands with."""
 
-    def __init__(self, profile: RobotProfile, traps: frozenset[Trap] = KIND) -> None:
+    def __init__(self, profile: P2osRobot, traps: frozenset[Trap] = KIND) -> None:
         self.profile = profile
         self.plant = Lagging()
         self.controller = Microcontroller(profile, self.plant, self.plant, traps)
@@ -120,13 +120,13 @@ class Bench:
 
 
 @pytest.fixture
-def profile() -> RobotProfile:
+def profile() -> P2osRobot:
     text = (files("armadico.configs") / "robots" / "pioneer-2dx.toml").read_bytes()
-    return msgspec.toml.decode(text, type=RobotProfile)
+    return msgspec.toml.decode(text, type=P2osRobot)
 
 
 @pytest.fixture
-def bench(profile: RobotProfile) -> Bench:
+def bench(profile: P2osRobot) -> Bench:
     return Bench(profile)
 
 
@@ -137,6 +137,6 @@ def robot(bench: Bench) -> Bench:
 
 
 @pytest.fixture
-def make() -> Callable[[RobotProfile], Bench]:
+def make() -> Callable[[P2osRobot], Bench]:
     """For tests that compare several."""
     return Bench

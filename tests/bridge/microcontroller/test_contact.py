@@ -9,12 +9,14 @@ import pytest
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, set_pose
 from armadico.bridge.p2os.configuration import decode_configuration
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load_entry
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import SensorProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +43,7 @@ class Metered(Plant):
 
 
 @pytest.fixture
-def walled(make: Callable[..., Bench], profile: RobotProfile) -> tuple[Bench, Metered]:
+def walled(make: Callable[..., Bench], profile: P2osRobot) -> tuple[Bench, Metered]:
     """A robot that has pushed a wall ahead of it for two seconds, at 0.3 m/s."""
     ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     wall = (WALL_X, -3.0, WALL_X, 3.0)
@@ -66,7 +68,7 @@ def test_while_it_pushes_it_says_that_it_is_stalled(walled: tuple[Bench, Metered
 
 
 def test_stalled_motors_are_off_before_they_pull_with_all_their_might(
-    walled: tuple[Bench, Metered], profile: RobotProfile
+    walled: tuple[Bench, Metered], profile: P2osRobot
 ) -> None:
     bench, plant = walled
     bench.watched(10.0)
@@ -132,13 +134,11 @@ def test_the_configuration_tells_when_motors_are_stalled_and_for_how_long(robot:
 
 @pytest.mark.parametrize("gap", [0.03, 0.05, 0.07])
 @pytest.mark.parametrize("degrees", [20, 40, 60, 100])
-def test_turning_off_a_wall_it_does_not_lurch(
-    profile: RobotProfile, gap: float, degrees: int
-) -> None:
+def test_turning_off_a_wall_it_does_not_lurch(profile: P2osRobot, gap: float, degrees: int) -> None:
     """It pushes itself off with a corner, and its loops wind up as long as the wall holds it."""
     ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     aside = profile.body.width_m / 2 + gap
-    robot = Pioneer(profile, ideal, Site([(-3.0, aside, 3.0, aside)]), seeded(1))
+    robot = Pioneer(profile, Stage(ideal, Site([(-3.0, aside, 3.0, aside)]), seeded(1)))
     for packet in (SYNC0, SYNC1, SYNC2, command(Cmd.OPEN), command(Cmd.ENABLE, 1)):
         robot.controller.receive(packet)
     robot.controller.receive(command(Cmd.RVEL, degrees))

@@ -19,10 +19,11 @@ from armadico.bridge.p2os.commands import (
 from armadico.bridge.p2os.configuration import (
     decode_configuration,
 )
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import SensorProfile
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -87,7 +88,7 @@ def test_move_drives_a_trapezoid_and_ends_on_its_goal(robot: Bench, way: int) ->
     ("cmd", "value"), [(Cmd.MOVE, 500), (Cmd.MOVE, -1000), (Cmd.HEAD, 90), (Cmd.HEAD, -170)]
 )
 def test_the_servos_bring_the_real_robot_to_its_goal_without_overshoot(
-    make: Callable[[RobotProfile], Bench], profile: RobotProfile, cmd: Cmd, value: int
+    make: Callable[[P2osRobot], Bench], profile: P2osRobot, cmd: Cmd, value: int
 ) -> None:
     ideal = tomllib.loads((files("armadico.configs") / "robots" / "sensors.toml").read_text())
     sensors = msgspec.convert(ideal["ideal"], SensorProfile)
@@ -124,7 +125,7 @@ def test_head_turns_the_short_way_to_an_absolute_heading(robot: Bench, heading: 
 
 
 def test_a_heading_asked_again_each_cycle_restarts_nothing(
-    make: Callable[[RobotProfile], Bench], profile: RobotProfile
+    make: Callable[[P2osRobot], Bench], profile: P2osRobot
 ) -> None:
     tracks = []
     for again in (False, True):

@@ -21,8 +21,8 @@ from armadico.bridge.p2os.configuration import (
     decode_configuration,
 )
 from armadico.bridge.p2os.packets import encode
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator import microcontroller
-from armadico.config.profile import RobotProfile
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -185,7 +185,7 @@ def test_players_malformed_seto_is_obeyed(robot: Bench) -> None:
 
 
 def test_the_same_bytes_at_the_same_times_give_the_same_bytes(
-    make: Callable[[RobotProfile], Bench], profile: RobotProfile
+    make: Callable[[P2osRobot], Bench], profile: P2osRobot
 ) -> None:
     def run(step: float) -> bytes:
         bench = make(profile)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import STATUS_TYPES
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Site, seeded
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile
@@ -20,13 +22,13 @@ if TYPE_CHECKING:
 
     from conftest import Bench
 
-    from armadico.config.profile import RobotProfile
+    from armadico.config.profile import P2osRobot
 
 ZERO = command(Cmd.VEL, 0)
 
 
 @pytest.fixture
-def first_packet(make: Callable[..., Bench], profile: RobotProfile) -> Bench:
+def first_packet(make: Callable[..., Bench], profile: P2osRobot) -> Bench:
     return make(profile, frozenset({Trap.FIRST_PACKET}))
 
 
@@ -67,9 +69,7 @@ def test_sync2_alone_is_enough_and_names_the_robot(first_packet: Bench) -> None:
     assert first_packet.run(0) == [b"\x02Armadico\0Pioneer\0p2dx\0"]
 
 
-def test_open_may_set_the_odometry_to_zero(
-    make: Callable[..., Bench], profile: RobotProfile
-) -> None:
+def test_open_may_set_the_odometry_to_zero(make: Callable[..., Bench], profile: P2osRobot) -> None:
     for traps, expected in ((KIND, 1.5), (frozenset({Trap.ODOMETRY}), 0.0)):
         bench = make(profile, traps)
         bench.plant.odometry = (1.5, 0.0, 0.0)
@@ -78,7 +78,7 @@ def test_open_may_set_the_odometry_to_zero(
 
 
 def test_status_packets_are_those_of_arcos_or_of_p2os(
-    make: Callable[..., Bench], profile: RobotProfile
+    make: Callable[..., Bench], profile: P2osRobot
 ) -> None:
     lengths = {}
     for traps in (KIND, frozenset({Trap.SHORT})):
@@ -89,7 +89,7 @@ def test_status_packets_are_those_of_arcos_or_of_p2os(
     assert lengths == {KIND: 30, frozenset({Trap.SHORT}): 25}
 
 
-def test_a_sonar_may_be_a_single_ray(profile: RobotProfile) -> None:
+def test_a_sonar_may_be_a_single_ray(profile: P2osRobot) -> None:
     """Sonar 3 looks 10 degrees to the left; a post stands 8 degrees beside that, 2 m away."""
     ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     mount = profile.sonar.sonars[3]
@@ -97,7 +97,7 @@ def test_a_sonar_may_be_a_single_ray(profile: RobotProfile) -> None:
     x, y = mount.x_m + 2 * math.cos(heading), mount.y_m + 2 * math.sin(heading)
     post = (x, y - 0.05, x, y + 0.05)
     kind, unkind = (
-        Pioneer(profile, ideal, Site([post]), seeded(1), traps).plant.ping(3)
+        Pioneer(profile, Stage(ideal, Site([post]), seeded(1), traps=traps)).plant.ping(3)
         for traps in (KIND, frozenset({Trap.RAYS}))
     )
     assert kind == pytest.approx(2.0, abs=0.1)

@@ -8,10 +8,10 @@ from importlib.resources import files
 import msgspec
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import Event, Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.motion import Driver
-from armadico.config.profile import RobotProfile
 
 
 class Kinematic:
@@ -73,7 +73,7 @@ class Perfect:
 class Link:
     """Session and controller, run together in steps of 10 ms; the cable can be out."""
 
-    def __init__(self, profile: RobotProfile) -> None:
+    def __init__(self, profile: P2osRobot) -> None:
         self.profile = profile
         self.plant = Kinematic()
         self.controller = Microcontroller(profile, self.plant, Perfect())
@@ -110,11 +110,11 @@ class Link:
 
 
 @pytest.fixture
-def profile() -> RobotProfile:
+def profile() -> P2osRobot:
     text = (files("armadico.configs") / "robots" / "pioneer-2dx.toml").read_bytes()
-    return msgspec.toml.decode(text, type=RobotProfile)
+    return msgspec.toml.decode(text, type=P2osRobot)
 
 
 @pytest.fixture
-def link(profile: RobotProfile) -> Link:
+def link(profile: P2osRobot) -> Link:
     return Link(profile)

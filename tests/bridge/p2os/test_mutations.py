@@ -16,7 +16,7 @@ from armadico.bridge.p2os.status import Status, encode_status
 if TYPE_CHECKING:
     from conftest import Link
 
-    from armadico.config.profile import RobotProfile
+    from armadico.bridge.p2os.profile import P2osRobot
 
 FOLDER = Path(__file__).parent / "transcripts"
 SEEDS = range(60)
@@ -62,7 +62,7 @@ def test_the_controller_survives_and_serves_the_next_client(link: Link, seed: in
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_session_survives_and_reads_the_next_status(profile: RobotProfile, seed: int) -> None:
+def test_the_session_survives_and_reads_the_next_status(profile: P2osRobot, seed: int) -> None:
     draws = random.Random(seed)
     source = draws.choice(sorted(FOLDER.glob("*.s2c.bin"))).read_bytes()
     session = Session(profile.p2os, 0.0, profile.limits)

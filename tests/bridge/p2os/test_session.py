@@ -19,6 +19,7 @@ from armadico.bridge.p2os.handshake import (
     State,
 )
 from armadico.bridge.p2os.packets import Decoder, encode
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import (
     ASK_TIMES,
     HANG_S,
@@ -30,18 +31,17 @@ from armadico.bridge.p2os.session import (
     Unanswered,
 )
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.config.profile import RobotProfile
 
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 CLOSE = command(Cmd.CLOSE)
 
 
 @pytest.fixture
-def session(profile: RobotProfile) -> Session:
+def session(profile: P2osRobot) -> Session:
     return Session(profile.p2os, 0.0, profile.limits)
 
 
-def status(profile: RobotProfile, **fields: object) -> bytes:
+def status(profile: P2osRobot, **fields: object) -> bytes:
     plain = {"x_m": 0, "y_m": 0, "theta_rad": 0, "left_m_s": 0, "right_m_s": 0, "battery_v": 12}
     return encode(encode_status(Status(**(plain | fields)), profile.p2os))  # type: ignore[arg-type]
 
@@ -94,7 +94,7 @@ def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session:
     ]
 
 
-def test_without_limits_the_controllers_own_stand(profile: RobotProfile) -> None:
+def test_without_limits_the_controllers_own_stand(profile: P2osRobot) -> None:
     session = Session(profile.p2os, 0.0)
     for answer in (SYNC0, SYNC1):
         session.receive(answer, 0.0)
@@ -125,7 +125,7 @@ def test_an_answer_that_does_not_come_is_told_and_asked_for_again(session: Sessi
 
 
 def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
-    session: Session, profile: RobotProfile
+    session: Session, profile: P2osRobot
 ) -> None:
     session.outgoing()
     told = session.receive(status(profile), 0.05)
@@ -137,9 +137,7 @@ def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
     assert session.outgoing() == CLOSE + SYNC0
 
 
-def test_the_configuration_is_wanted_and_not_required(
-    session: Session, profile: RobotProfile
-) -> None:
+def test_the_configuration_is_wanted_and_not_required(session: Session, profile: P2osRobot) -> None:
     opened(session)
     asked = []
     for n in range(1, 31):
@@ -162,7 +160,7 @@ def test_a_configuration_that_comes_is_told_and_asked_for_no_more(session: Sessi
 
 
 def test_motors_that_somebody_switched_off_by_hand_stay_off(
-    session: Session, profile: RobotProfile
+    session: Session, profile: P2osRobot
 ) -> None:
     opened(session)
     session.receive(status(profile, motors_enabled=True), 0.1)
@@ -174,7 +172,7 @@ def test_motors_that_somebody_switched_off_by_hand_stay_off(
     assert sent(session) == [(Cmd.ENABLE, 1)]
 
 
-def test_an_enable_that_was_lost_is_repeated(session: Session, profile: RobotProfile) -> None:
+def test_an_enable_that_was_lost_is_repeated(session: Session, profile: P2osRobot) -> None:
     opened(session)
     session.receive(status(profile, motors_enabled=False), 0.1)
     session.tick(0.2)
@@ -214,9 +212,7 @@ def test_pulses_do_not_pile_up(session: Session) -> None:
     assert (Cmd.PULSE, 0) not in sent(session)
 
 
-def test_the_session_alone_never_feeds_the_watchdog(
-    session: Session, profile: RobotProfile
-) -> None:
+def test_the_session_alone_never_feeds_the_watchdog(session: Session, profile: P2osRobot) -> None:
     opened(session)
     for n in range(1, 100):
         session.receive(status(profile, motors_enabled=True), n / 10)
@@ -226,7 +222,7 @@ def test_the_session_alone_never_feeds_the_watchdog(
     assert session.outgoing() == b""
 
 
-def test_silence_loses_the_link_and_begins_again(session: Session, profile: RobotProfile) -> None:
+def test_silence_loses_the_link_and_begins_again(session: Session, profile: P2osRobot) -> None:
     opened(session)
     session.receive(status(profile), 0.4)
     session.drive(0.3, 0)
@@ -244,7 +240,7 @@ def test_a_controller_that_was_reset_loses_the_link_at_once(session: Session, ki
 
 
 def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
-    session: Session, profile: RobotProfile
+    session: Session, profile: P2osRobot
 ) -> None:
     opened(session)
     session.receive(status(profile, motors_enabled=True), 0.1)
@@ -260,7 +256,7 @@ def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
 
 @pytest.mark.parametrize("hang", [0.65, 0.94, LINK_TIMEOUT_S, 1.05, 1.2])
 def test_after_a_shorter_hang_the_link_is_not_what_was_silent(
-    session: Session, profile: RobotProfile, hang: float
+    session: Session, profile: P2osRobot, hang: float
 ) -> None:
     """One that ends just on the time-out, too."""
     opened(session)
@@ -272,7 +268,7 @@ def test_after_a_shorter_hang_the_link_is_not_what_was_silent(
 
 
 def test_a_pulse_after_a_long_silence_brings_zero_speeds_first(
-    session: Session, profile: RobotProfile
+    session: Session, profile: P2osRobot
 ) -> None:
     opened(session)
     session.receive(status(profile, motors_enabled=True), 0.1)
@@ -315,7 +311,7 @@ def test_encoder_counts_are_told(session: Session) -> None:
     assert session.receive(packet, 0.1) == [Encoders(1, -1)]
 
 
-def test_a_reset_odometry_moves_nobody(session: Session, profile: RobotProfile) -> None:
+def test_a_reset_odometry_moves_nobody(session: Session, profile: P2osRobot) -> None:
     opened(session)
     session.receive(status(profile, x_m=1.0), 0.1)
     session.receive(status(profile, x_m=1.03, left_m_s=0.3, right_m_s=0.3), 0.2)
@@ -379,7 +375,7 @@ def test_who_takes_the_first_packet_for_a_sync_is_connected_to(
 
 
 def test_who_streams_and_never_answers_is_told_again_and_again(
-    session: Session, profile: RobotProfile
+    session: Session, profile: P2osRobot
 ) -> None:
     """The wire from us to the robot is broken."""
     told: list[Event] = []

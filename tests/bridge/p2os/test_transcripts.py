@@ -17,7 +17,7 @@ from armadico.bridge.p2os.status import Status, decode_status
 if TYPE_CHECKING:
     from conftest import Link
 
-    from armadico.config.profile import RobotProfile
+    from armadico.bridge.p2os.profile import P2osRobot
 
 FOLDER = Path(__file__).parent / "transcripts"
 NAMES = ("01_simpleConnect", "02_simpleMotionCommands", "10_serial_pty")
@@ -67,7 +67,7 @@ def test_the_recorded_goodbye_leaves_the_robot_closed(link: Link, name: str) -> 
 
 
 def test_the_recorded_drive_moves_our_robot_as_it_moved_theirs(
-    link: Link, profile: RobotProfile
+    link: Link, profile: P2osRobot
 ) -> None:
     name = "02_simpleMotionCommands"
     ours = [p for _, p in answers(link, name) if p[0] in {0x32, 0x33}]
@@ -78,7 +78,7 @@ def test_the_recorded_drive_moves_our_robot_as_it_moved_theirs(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_recorded_robot_is_understood(name: str, profile: RobotProfile) -> None:
+def test_the_recorded_robot_is_understood(name: str, profile: P2osRobot) -> None:
     decoder = Decoder()
     payloads = statuses(name, decoder)
     assert [payload[0] for payload in payloads[:3]] == [0, 1, 2]
@@ -105,7 +105,7 @@ def statuses(name: str, decoder: Decoder) -> list[bytes]:
     return decoder.feed(b"".join(data for _, data in rows(name, "s2c")))
 
 
-def travelled(packets: list[bytes], profile: RobotProfile) -> tuple[float, float, float]:
+def travelled(packets: list[bytes], profile: P2osRobot) -> tuple[float, float, float]:
     odometry = Odometry(profile.p2os)
     for turn, payload in enumerate(packets):
         status: Status = decode_status(payload, profile.p2os)

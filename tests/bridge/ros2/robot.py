@@ -8,9 +8,10 @@ from typing import Any
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Wants, frame, read
+from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import UNWATCHED, Session
 from armadico.bridge.session import Differs, Noted, Reported
-from armadico.config.profile import Ros2Robot, load_profile
+from armadico.config.profile import load_profile
 
 
 def profile_of(name: str) -> Ros2Robot:

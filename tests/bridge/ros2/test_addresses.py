@@ -9,7 +9,7 @@ import pytest
 from armadico.bridge.lines import TransportError
 from armadico.bridge.ros2.addresses import client_transport, read_address
 from armadico.bridge.ros2.samples import Address
-from armadico.bridge.transports import open_transport
+from armadico.runtime.port_reader import open_port
 
 
 @pytest.fixture(autouse=True)
@@ -69,7 +69,7 @@ def test_without_the_extra_one_line_says_what_to_install(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
     monkeypatch.delitem(sys.modules, "armadico.bridge.ros2.dds", raising=False)
     with pytest.raises(TransportError, match=r"pip install 'armadico\[ros2\]'") as caught:
-        open_transport("ros2://?interface=lo")
+        open_port("ros2://?interface=lo")
     assert "\n" not in str(caught.value)
 
 

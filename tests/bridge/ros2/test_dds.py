@@ -16,12 +16,14 @@ from typing import Any
 import pytest
 
 from armadico.bridge.ros2 import cdr, types
+from armadico.bridge.ros2.addresses import open_ros2
 from armadico.bridge.ros2.frames import SEEN, Decoder, Frame, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.samples import Address
 from armadico.bridge.ros2.session import Session
 from armadico.bridge.session import Connected, Event, LinkLost, Reported
-from armadico.bridge.transports import Transport, TransportError, open_transport
-from armadico.config.profile import Ros2Robot, load_profile
+from armadico.bridge.transports import Transport, TransportError
+from armadico.config.profile import load_profile
 from tests import real_ros
 
 pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
@@ -94,7 +96,7 @@ class Line:
 
     def __init__(self, domain: int, namespace: str, *wanted: Wanted) -> None:
         url = f"ros2://{namespace}?domain={domain}&interface=lo"
-        self.transport: Transport = open_transport(url)
+        self.transport: Transport = open_ros2(url)
         self.wanted = wanted
         self.begin()
 

@@ -18,12 +18,14 @@ from typing import Final
 
 from armadico.bridge.p2os.commands import Cmd, quantity
 from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Site, seeded
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.server import Line, Simulation, TcpLine
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.loading import find, load, load_entry
-from armadico.config.profile import P2osRobot, SensorProfile
+from armadico.config.profile import SensorProfile
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import (
     Ack,
@@ -187,12 +189,9 @@ def await_all(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None
 
 
 def _pioneer() -> Pioneer:
-    return Pioneer(
-        load(find("robots", "pioneer-2dx"), P2osRobot),
-        load_entry(find("robots", "sensors"), SensorProfile, "ideal"),
-        Site(CORRIDOR),
-        seeded(1),
-    )
+    sensors = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
+    stage = Stage(sensors, Site(CORRIDOR), seeded(1))
+    return Pioneer(load(find("robots", "pioneer-2dx"), P2osRobot), stage)
 
 
 @contextmanager

@@ -22,12 +22,14 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.addresses import EXTRA, client_transport, robot_transport
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import Decoder, Wanted, frame
+from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import wants
 from armadico.bridge.simulator.plant import Site, seeded
+from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.ros2_line import Ros2Line
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load, load_entry
-from armadico.config.profile import Ros2Robot, SensorProfile
+from armadico.config.profile import SensorProfile
 from armadico_tools.bench.figures import Figure, Tell, figure
 from armadico_tools.bench.latency import CORRIDOR, LOST_S, WARM_UP, await_all, simulated, society
 from armadico_tools.bench.processes import started
@@ -156,7 +158,7 @@ def odom_to_command(quick: bool, tell: Tell) -> list[Figure]:
 
 def _robot(robot: Ros2Robot) -> Ros2SimulatedRobot:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
-    return Ros2SimulatedRobot(robot, sensors, Site(CORRIDOR), seeded(1), "/bench")
+    return Ros2SimulatedRobot(robot, Stage(sensors, Site(CORRIDOR), seeded(1), "/bench"))
 
 
 def _ends(robot: Ros2Robot) -> list[Wanted]:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final, NamedTuple
 
+from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import Cmd, command, quantity
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.robots import of_scenario
 from armadico.config.scenarios import Scenario, load_scenario, with_sensors
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -63,7 +63,7 @@ def _drive(rehearsal: Rehearsal) -> float:
 
 def _alone(scenario: Scenario, seed: int, duration: float) -> float:
     """The robot in its world, commanded each cycle, for as long as the society took."""
-    robot = of_scenario(scenario, seeded(seed))
+    robot = simulated(scenario, seeded(seed))
     robot.watch(lambda _truth: None)
     for packet in (*SYNC, command(Cmd.OPEN), command(Cmd.ENABLE, 1)):
         robot.receive(packet, 0.0)

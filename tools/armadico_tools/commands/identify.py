@@ -15,8 +15,8 @@ from armadico.cli.options import FailedError, UsageError
 from armadico_tools.command_options import at_least
 
 if TYPE_CHECKING:
-    from armadico.bridge.transports import Transport
-    from armadico.config.profile import P2osRobot
+    from armadico.bridge.p2os.profile import P2osRobot
+    from armadico.runtime.port_reader import Port
     from armadico_tools.identification import Estimate, Interval
     from armadico_tools.speed_log import Log, Recorder
 
@@ -108,8 +108,8 @@ def _checked(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def _profile(args: argparse.Namespace) -> P2osRobot:
+    from armadico.bridge.p2os.profile import P2osRobot  # noqa: PLC0415
     from armadico.config.loading import find, load  # noqa: PLC0415 - not for --help
-    from armadico.config.profile import P2osRobot  # noqa: PLC0415
 
     return load(find("robots", args.profile), P2osRobot)
 
@@ -232,7 +232,8 @@ def _simulate(args: argparse.Namespace) -> int:
 
 
 def _record(args: argparse.Namespace) -> int:
-    from armadico.bridge.transports import TransportError, open_transport  # noqa: PLC0415
+    from armadico.bridge.transports import TransportError  # noqa: PLC0415
+    from armadico.runtime.port_reader import open_port  # noqa: PLC0415
     from armadico_tools.speed_log import Recorder  # noqa: PLC0415 - not for --help
 
     robot = _profile(args)
@@ -242,7 +243,7 @@ def _record(args: argparse.Namespace) -> int:
         f"the robot will move for {args.seconds:g} s, forward and backward; Ctrl-C stops it"
     )
     try:
-        with closing(open_transport(args.robot)) as transport:
+        with closing(open_port(args.robot)) as transport:
             _drive(transport, recorder, robot)
     except ValueError as error:
         raise UsageError(f"--robot: {error}") from None
@@ -254,7 +255,7 @@ def _record(args: argparse.Namespace) -> int:
 
 
 def _drive(
-    transport: Transport,
+    transport: Port,
     recorder: Recorder,
     robot: P2osRobot,
     clock: Callable[[], float] = time.monotonic,

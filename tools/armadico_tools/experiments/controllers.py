@@ -38,8 +38,8 @@ from armadico.agents.methods.controllers import (
     mix,
 )
 from armadico.agents.methods.geometry import clip, direction, distance
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.config.loading import find, load
-from armadico.config.profile import P2osRobot
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Waypoint
 from armadico_tools.experiments.speed import ROBOT, STEP_S, Rig

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from msgspec import Struct
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics, Wheels
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load
-from armadico.config.profile import P2osRobot
 from armadico_tools.identification import (
     ANGULAR,
     LINEAR,

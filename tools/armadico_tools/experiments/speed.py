@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from msgspec import Struct
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.speed_loops import (
     Approximation,
@@ -29,7 +30,6 @@ from armadico.bridge.simulator.speed_loops import (
     truncated,
 )
 from armadico.config.loading import find, load
-from armadico.config.profile import P2osRobot
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context

@@ -14,9 +14,8 @@ from typing import Any, Final
 import cbor2
 from msgspec.structs import replace
 
+from armadico.bridge.kind import simulated
 from armadico.bridge.robot import Parameters, Robot
-from armadico.config.discovery import SIMULATORS, find
-from armadico.config.scenarios import society
 from armadico.core.messages import (
     COUNTS,
     JUMP,
@@ -246,8 +245,7 @@ class Stranger:
             return
         scenario, mesh = self._rehearsal.scenario, self._mesh
         number = 1000 + len(self.nodes)
-        factory = find(SIMULATORS, society().simulator).load()
-        device = factory(scenario, lambda name: mesh.stream(f"second/{name}"), lambda _: None)
+        device = simulated(scenario, lambda name: mesh.stream(f"second/{name}"))
         identity = mesh.identity(Robot.name, number)
         agent = Robot(identity, Parameters(port="memory:", profile=scenario.robot))
         node = mesh.add(agent, device, admit=fault.amount != 1.0)

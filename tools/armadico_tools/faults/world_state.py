@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from math import hypot, inf
 from typing import NamedTuple
 
-from armadico.config.loading import find, load, load_entry
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.loading import find, load_entry
+from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ack, Ballot, BidRecord, Claim, Cycle, RobotState
 from armadico.core.resources import WHEELS
@@ -117,7 +117,7 @@ def bounds_of(scenario: Scenario) -> Bounds:
 
     Raises ConfigError if there is no such robot.
     """
-    profile = load(find("robots", scenario.robot), RobotProfile)
+    profile = load_profile(scenario.robot)
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     limits, slip = profile.limits, 3.0 * sensors.slip
     return Bounds(

@@ -1,0 +1,434 @@
+"""Simulate a robot behind a TCP port or a pseudo-terminal."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import secrets
+import signal
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final
+
+from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
+from armadico.cli import options
+
+if TYPE_CHECKING:
+    from armadico.bridge.simulator.server import Line
+    from armadico.bridge.simulator.simulated import SimulatedRobot
+    from armadico.config.moving import Moving
+    from armadico.config.scenarios import Battery, Scenario
+    from armadico.mesh.zenoh import ZenohMesh
+
+PORT: Final = 8101
+"""Where simulators of Pioneers listen."""
+
+LOOPBACK: Final = "ros2://?interface=lo"
+"""Where a simulated ROS 2 robot is, unless told otherwise: nobody's network is meant."""
+
+DEFAULT_ROBOT: Final = "pioneer-2dx"
+
+KEY: Final = "sim/truth"
+
+EXAMPLES: Final = """\
+  armadico sim sc4                           at tcp://127.0.0.1:8101, as MobileSim is
+  armadico sim floor --start 2 3 90 --sensors real --seed 7
+  armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
+  armadico sim sc1 --unkind                  with the traps of other people's controllers
+  armadico sim sc1 --unkind short            with P2OS's short status packets, not ARCOS's
+  armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
+  armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    args = parser().parse_args(argv)
+    _name(args)
+    mesh = options.join(args, passing=False, starts=True)
+    scenario = _scenario(args)
+    robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
+    _meet(robots)
+    with ExitStack() as stack:
+        line, where = _line(args, robots[0].truth().simulator, stack)
+        served, places = [(robots[0], line)], [where]
+        _show(robots[0], mesh, stack)
+        for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
+            theirs = argparse.Namespace(**{**vars(args), "namespace": namespace, "port": 0})
+            if args.ros2 is not None:
+                theirs.ros2 = _beside(args.ros2, namespace)
+            line, where = _line(theirs, other.truth().simulator, stack)
+            served.append((other, line))
+            places.append(where)
+            _show(other, options.join(theirs, starts=True), stack)
+        several = f"a simulated {args.robot}"
+        if args.also:
+            several = f"{len(robots)} simulated robots ({args.robot})"
+        at = ", at ".join(places)
+        print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        if args.ros2 is not None:
+            drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
+            print(f"drive it as it is: {drive}", flush=True)
+        _run(served)
+    return 0
+
+
+def _name(args: argparse.Namespace) -> None:
+    """Tell the robot from the world, of the names that are given. Raises UsageError."""
+    from armadico.bridge.kind import kind_of  # noqa: PLC0415 - not for --help
+    from armadico.config.loading import names  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+
+    *robots, args.world = args.named
+    if not robots and args.world in names("robots"):
+        robots, args.world = [args.world], "empty"
+    if len(robots) > 1:
+        named = " ".join(args.named)
+        raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
+    if robots and args.robot is not None:
+        raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
+    args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
+    if args.unkind is not None and not kind_of(load_profile(args.robot)).unkind:
+        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {args.robot}")
+
+
+def _meet(robots: Sequence[SimulatedRobot]) -> None:
+    """Have them live in one world. Raises UsageError if two would stand in each other."""
+    if len(robots) > 1:
+        try:
+            robots[0].meet(*robots[1:])
+        except ValueError as error:
+            raise options.UsageError(f"--also: {error}") from None
+
+
+def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
+    """Publish the truth of a robot in its namespace."""
+    stack.enter_context(mesh)
+    robot.watch(lambda truth: mesh.publish(KEY, truth))
+    _remark(mesh)
+
+
+def _remark(mesh: ZenohMesh) -> None:
+    """Say who else is a simulator in the namespace."""
+    from armadico.mobile.messages import Truth  # noqa: PLC0415 - not for --help
+
+    known: set[str] = set()
+
+    def heard(key: str, data: bytes) -> None:
+        truth = mesh.read(Truth, key, data)
+        if truth is not None and truth.simulator not in known:
+            known.add(truth.simulator)
+            print(
+                f"armadico sim: another simulator speaks in the namespace {mesh.namespace!r}:"
+                f" {truth.simulator}; end one, or use another one: --namespace NAME",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    mesh.subscribe(KEY, heard)
+
+
+def parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico sim",
+        "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"
+        " watchers the truth on sim/truth.",
+        EXAMPLES,
+    )
+    made.add_argument(
+        "named",
+        nargs="+",
+        metavar="NAME",
+        help="a shipped world, or a .map or .yaml file; before it a robot's profile (default"
+        f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
+    )
+    line = made.add_mutually_exclusive_group()
+    line.add_argument(
+        "--port", type=int, default=PORT, help=f"TCP port (default {PORT}; 0: one that is free)"
+    )
+    line.add_argument(
+        "--pty", metavar="LINK", nargs="?", const="", help="a pseudo-terminal instead"
+    )
+    line.add_argument(
+        "--ros2",
+        metavar="ADDRESS",
+        nargs="?",
+        const=LOOPBACK,
+        help="as a ROS 2 robot, which any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for"
+        " DDS, ros2+zenoh://HOST:PORT/NAMESPACE to be the router of rmw_zenoh's nodes (default"
+        f" {LOOPBACK}: DDS within this machine)",
+    )
+    made.add_argument(
+        "--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default: loopback)"
+    )
+    made.add_argument(
+        "--start",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "DEG"),
+        help="where it stands, m, m, degrees (default: the world's own start, or 0 0 0)",
+    )
+    made.add_argument(
+        "--also",
+        nargs=4,
+        action="append",
+        default=[],
+        metavar=("NS", "X", "Y", "DEG"),
+        help="another robot in the same world: its namespace, and where it stands; at a port that"
+        " is free; may be repeated",
+    )
+    made.add_argument("--robot", metavar="PROFILE", help="the robot, if it is not named before")
+    made.add_argument(
+        "--sensors", choices=("glass", "ideal", "real"), default="ideal", help="default %(default)s"
+    )
+    made.add_argument(
+        "--moving",
+        metavar="JSON",
+        default="[]",
+        help="a scenario's [[moving]], as a list",
+    )
+    made.add_argument(
+        "--charge",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="of the battery that is left (default 1, full)",
+    )
+    made.add_argument(
+        "--capacity",
+        type=float,
+        metavar="AH",
+        help="of the battery, Ah (default: the robot profile's)",
+    )
+    made.add_argument(
+        "--unkind",
+        nargs="*",
+        choices=[trap.value for trap in Trap],
+        metavar="TRAP",
+        help="do to the client what other controllers do: all of"
+        f" {', '.join(trap.value for trap in Trap)}, or those named",
+    )
+    made.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
+    options.add_mesh_options(made)
+    return made
+
+
+def _scenario(args: argparse.Namespace) -> Scenario:
+    """The scenario that the options describe. Raises UsageError or ConfigError."""
+    from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+    from armadico.config.scenarios import Scenario  # noqa: PLC0415 - not for --help
+    from armadico.config.worlds import bare, load_world  # noqa: PLC0415 - not for --help
+
+    world = load_world(args.world)
+    if warning := bare(args.world):
+        options.say(warning)
+    start = world.start or (0.0, 0.0, 0.0)
+    x, y, heading = args.start or (*start[:2], 0.0)
+    if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
+        raise options.UsageError(
+            f"--start {x:g} {y:g} {heading:g}: expected m and m within {WORLD_M:g} m, and -360 to"
+            " 360 degrees"
+        )
+    if args.start is not None:
+        start = (x, y, math.radians(heading))
+    moving = _moving(args.moving)
+    radius = load_profile(args.robot).body.circle_m
+    for each in moving:
+        for _, fault in each.faults(world, (x, y), radius):
+            raise options.UsageError(f"--moving: {fault}")
+    return Scenario(
+        world=args.world,
+        start=start,
+        goal=start,
+        others=_others(args),
+        robot=args.robot,
+        sensors=args.sensors,
+        moving=moving,
+        battery=_battery(args.charge, args.capacity),
+    )
+
+
+def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
+    """Where the other robots stand. Raises UsageError."""
+    from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
+
+    found = []
+    for namespace, *numbers in args.also:
+        try:
+            x, y, heading = map(float, numbers)
+        except ValueError:
+            x = math.inf
+        if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
+            said = " ".join(numbers)
+            raise options.UsageError(
+                f"--also {namespace} {said}: expected m and m within {WORLD_M:g} m, and degrees"
+            )
+        found.append((x, y, math.radians(heading)))
+    names = [args.namespace, *(also[0] for also in args.also)]
+    if len(set(names)) < len(names):
+        raise options.UsageError(f"--also: two robots in one namespace, of {', '.join(names)}")
+    if found and args.moving != "[]":
+        raise options.UsageError("--moving is for the world of one robot, without --also")
+    return tuple(found)
+
+
+def _battery(charge: float, capacity: float | None) -> Battery:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.config.scenarios import Battery  # noqa: PLC0415 - not for --help
+
+    given = {"charge": charge, "capacity_ah": capacity}
+    try:
+        return msgspec.convert(given, Battery)
+    except msgspec.ValidationError as error:
+        raise options.UsageError(f"--charge {charge:g}, --capacity {capacity}: {error}") from None
+
+
+def _moving(text: str) -> tuple[Moving, ...]:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.config.moving import Moving  # noqa: PLC0415 - not for --help
+
+    try:
+        return msgspec.json.decode(text, type=tuple[Moving, ...])
+    except msgspec.MsgspecError as error:
+        raise options.UsageError(f"--moving: {error}") from None
+
+
+def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> SimulatedRobot:
+    """The robot, or one of the others; it does not start in a wall."""
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.bridge.kind import simulated  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
+
+    # By the name the robot agent tells whose truth is its robot's, and people which process it is.
+    name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
+    if args.ros2 is not None:
+        name = _node(args, args.also[index - 1][0] if index else None)
+    streams = seeded(args.seed)
+    if index:
+        scenario = replace(scenario, start=scenario.others[index - 1])
+        first, streams = streams, lambda name: first(f"{index}/{name}")
+    traps = _traps(args.unkind)
+    robot = simulated(scenario, streams, name, traps=traps, clock_s=time.time())
+    if robot.plant.clearance() <= 0.0:
+        x, y, _ = scenario.start
+        raise options.UsageError(
+            f"the robot cannot start at {x:g}, {y:g}: it would stand in a wall;"
+            " --start X Y DEG puts it elsewhere"
+        )
+    return robot
+
+
+def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
+    """Those of `--unkind`: every one if it names none."""
+    return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
+
+
+def _line(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
+    """The line that the options name, and how a robot agent calls it."""
+    if args.ros2 is not None:
+        return _ros2(args, name, stack)
+    from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
+    from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
+    from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
+
+    if args.pty is not None:
+        pty = PtyTransport(args.pty)
+        try:
+            pty.open()
+        except OSError as error:
+            raise options.FailedError(
+                f"cannot use the pseudo-terminal: {error.strerror or error}"
+            ) from None
+        stack.callback(pty.close)
+        return pty, f"serial://{pty.path}"
+    if not 0 <= args.port < 2**16:
+        raise options.UsageError(f"--port {args.port}: from 0 to 65535")
+    try:
+        # A simulator that is driven listens no more: its port could be bound, and never freed.
+        if args.port and (owner := listener(args.port)):
+            raise OSError(0, f"it is taken by {owner}")
+        tcp = TcpLine(args.bind, args.port)
+    except OSError as error:
+        raise options.FailedError(
+            f"cannot use {args.bind}:{args.port}: {error.strerror or error}; is another simulator"
+            " running? --port 0 takes a port that is free"
+        ) from None
+    stack.callback(tcp.close)
+    return tcp, f"tcp://{args.bind}:{tcp.port}"
+
+
+def _node(args: argparse.Namespace, namespace: str | None) -> str:
+    """The whole name of a simulated robot's node; of another one than the first by its namespace.
+
+    Raises UsageError.
+    """
+    from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
+    from armadico.bridge.ros2.graph import resolve  # noqa: PLC0415 - not for --help
+
+    try:
+        within = read_address(args.ros2).namespace if namespace is None else namespace
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
+    kind = "".join(c if c.isascii() and c.isalnum() else "_" for c in args.robot)
+    return resolve(within, f"sim_{kind}_{secrets.token_hex(3)}")
+
+
+def _beside(address: str, namespace: str) -> str:
+    """The address of another robot in the same network of ROS 2's."""
+    from urllib.parse import urlsplit  # noqa: PLC0415 - not for --help
+
+    parts = urlsplit(address)
+    if parts.scheme == "ros2":
+        return parts._replace(netloc=namespace, path="").geturl()
+    return parts._replace(path=f"/{namespace}").geturl()
+
+
+def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
+    """The robot as one of ROS 2's, at the address that the options name."""
+    from armadico.bridge.ros2 import addresses  # noqa: PLC0415 - not for --help
+    from armadico.bridge.ros2.profile import Ros2Robot  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.ros2_line import Ros2Line  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+
+    profile = load_profile(args.robot)
+    if not isinstance(profile, Ros2Robot):
+        raise options.UsageError(
+            f"--ros2: {args.robot} does not speak ROS 2; say armadico sim jackal --ros2"
+        )
+    try:
+        transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
+    try:
+        line = Ros2Line(transport, profile.ros2)
+    except OSError as error:
+        raise options.FailedError(f"--ros2: {error}") from None
+    stack.callback(line.close)
+    return line, args.ros2
+
+
+def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
+    """Serve until interrupted: the first robot here, each of the others on a thread."""
+    from armadico.bridge.simulator.server import Pace, Simulation  # noqa: PLC0415 - not for --help
+
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    pace, turn = Pace(), threading.Lock() if len(served) > 1 else None
+    first, *others = (Simulation(robot, line, pace=pace, turn=turn) for robot, line in served)
+    threads = [threading.Thread(target=other.run, args=(ended.is_set,)) for other in others]
+    for thread in threads:
+        thread.start()
+    try:
+        first.run(ended.is_set)
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join()

@@ -1,0 +1,1 @@
+"""What shows a society to other tools: a web page, Foxglove, ROS 2."""

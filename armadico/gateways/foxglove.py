@@ -1,0 +1,147 @@
+"""A society served to Foxglove, by its WebSocket protocol: every robot's samples on one server.
+
+The samples are those of the translators that are installed; Foxglove's SDK carries them. Who looks
+has no effect on anybody: a client that is slow loses samples, its own alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Final
+
+import foxglove
+from foxglove.websocket import Capability, ServerListener
+
+from armadico.gateways.gateway import Asked
+from armadico.observe.translators import Channel, Sample
+
+if TYPE_CHECKING:
+    from foxglove.websocket import ChannelView, Client, ClientChannel
+
+ENCODINGS: Final = ("cdr", "json")
+"""In which goals are taken."""
+
+WAITING: Final = 64
+"""Goals that may wait for their gateway; what a client sends beyond them is dropped."""
+
+
+class ServerError(Exception):
+    """It cannot be served; the message says why, and what to do."""
+
+
+class Server(ServerListener):
+    """A WebSocket server; callbacks come on threads of the SDK's."""
+
+    def __init__(self, name: str, address: str, port: int, goals: Sequence[str]) -> None:
+        """Listen at once. Raises ServerError.
+
+        Args:
+            name: What viewers call it.
+            address: Where it listens; 127.0.0.1 is for programs of this machine only.
+            port: A port, 0: one that is free.
+            goals: The topics that clients may publish on.
+        """
+        self._context = foxglove.Context()
+        self._goals = frozenset(goals)
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._advertised: dict[tuple[int, int], ClientChannel] = {}
+        self._asked: list[Asked] = []
+        self._watched: list[set[str]] = []
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=address,
+                port=port,
+                capabilities=[Capability.ClientPublish] if goals else [],
+                server_listener=self,
+                supported_encodings=list(ENCODINGS) if goals else [],
+                context=self._context,
+            )
+        except (RuntimeError, OverflowError, ValueError) as error:
+            hint = "; --port 0 takes one that is free" if "in use" in str(error) else ""
+            raise ServerError(f"cannot listen on {address}, port {port}: {error}{hint}") from None
+
+    @property
+    def port(self) -> int:
+        return self._server.port
+
+    def close(self) -> None:
+        """Stop listening, and let everybody go."""
+        self._server.stop()
+
+    def publish(self, sample: Sample, at: int) -> None:
+        """Send a sample to whoever has subscribed to its topic."""
+        self._channels[sample.channel.topic].log(sample.data, log_time=at)
+
+    def offer(self, channel: Channel) -> None:
+        """Show a topic, once."""
+        if channel.topic not in self._channels:
+            self._channels[channel.topic] = self._made(channel)
+
+    def watched(self) -> set[str]:
+        """A set to which the topics are added that somebody subscribes to."""
+        self._watched.append(set())
+        return self._watched[-1]
+
+    def asked(self, topic: str) -> list[Asked]:
+        """Goals for a topic that have come since this was last asked."""
+        found = [each for each in self._asked if each.topic == topic]
+        for each in found:
+            self._asked.remove(each)
+        return found
+
+    def _made(self, what: Channel) -> foxglove.Channel:
+        schema = foxglove.Schema(
+            name=what.schema, encoding=what.schema_encoding, data=what.definition.encode()
+        )
+        return foxglove.Channel(
+            what.topic,
+            schema=schema,
+            message_encoding=what.encoding,
+            context=self._context,
+            metadata=dict(what.metadata),
+        )
+
+    # On the SDK's threads -------------------------------------------------------------------------
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        del client
+        for each in self._watched:
+            each.add(channel.topic)
+
+    def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
+        if channel.topic in self._goals:
+            self._advertised[client.id, channel.id] = channel
+
+    def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
+        self._advertised.pop((client.id, client_channel_id), None)
+
+    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
+        channel = self._advertised.get((client.id, client_channel_id))
+        if channel is not None and len(self._asked) < WAITING:
+            self._asked.append(Asked(channel.topic, data, channel.encoding, channel.schema_name))
+
+
+class Served:
+    """One robot's outside: its samples, the latched ones again for whoever comes."""
+
+    def __init__(self, server: Server, channels: Iterable[Channel], goals: Iterable[str]) -> None:
+        """`channels` are shown though nothing is said yet; `goals` are the robot's topics."""
+        self._server = server
+        self._goals = tuple(goals)
+        self._kept: dict[str, tuple[Sample, int]] = {}
+        self._watched = server.watched()
+        for channel in channels:
+            server.offer(channel)
+
+    def publish(self, sample: Sample, at: int) -> None:
+        if sample.channel.latched:
+            self._kept[sample.channel.topic] = sample, at
+        self._server.publish(sample, at)
+
+    def asked(self) -> list[Asked]:
+        while self._watched:
+            kept = self._kept.get(self._watched.pop())
+            if kept is not None:
+                self._server.publish(*kept)
+        return [goal for topic in self._goals for goal in self._server.asked(topic)]

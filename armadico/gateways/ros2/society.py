@@ -1,0 +1,528 @@
+"""What a society says as ROS 2 would have it: topics, types and frames of reference (sans-IO).
+
+Frames are REP-105's: `map` is the world, `odom` the controller's odometry, `base_link` the middle
+of the wheel axle. `map` -> `odom` is worked out from the pose and the odometry of one cycle, so
+that `map` -> `base_link` is the pose that agents drive by, whoever corrected it. A stamp is the
+time at which the cycle's status packet was received: what was measured in one cycle has one stamp.
+
+What nobody knows: covariances are 0, a battery's numbers NaN, cells -1, and a range of nothing
+heard is infinite (REP-117). Type by type: docs/ros2.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy as np
+from pycdr2 import IdlStruct
+
+from armadico.bridge.ros2 import cdr, types
+from armadico.bridge.ros2.geometry import pose_of, rotation, stamp_of
+from armadico.config.grid_map import cells_of
+from armadico.config.worlds import World
+from armadico.core import messages as m
+from armadico.gateways.ros2.goals import CDR, read_goal
+from armadico.gateways.ros2.grids import drawn, occupancy
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.messages import (
+    COVARIANCE,
+    BatteryLevel,
+    LocalMap,
+    MissionRequest,
+    MissionStatus,
+    OccupancyGrid,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import ranges_of
+from armadico.observe.translators import Channel, Sample
+from armadico.observe.view import FRESH_CYCLES, agent_of, driver
+
+MAP: Final = "map"
+"""The frame that all robots of a mesh share."""
+
+ODOM, BASE, SCAN = "odom", "base_link", "base_scan"
+
+STATES: Final = 32
+"""Cycles whose stamp and odometry are known still."""
+
+MOST: Final = 64
+"""Sonars and resources that are told apart: whoever makes up more is not heard."""
+
+EACH_S: Final = 1.0
+"""How often the battery and the diagnostics are said; who drives, at once when it changes."""
+
+LOCAL_M: Final = 0.1
+"""A cell of the local map,"""
+
+LOCAL_CELLS: Final = 256
+"""and how many it has a side at the most: what reaches further comes in larger cells."""
+
+OLD_S: Final = 10.0
+"""A goal whose stamp is older is not driven to: it was held up on its way, or is played back."""
+
+OK, WARN, ERROR = 0, 1, 2
+"""diagnostic_msgs/DiagnosticStatus's levels."""
+
+ULTRASOUND: Final = 0
+
+_UNFIT: Final = re.compile(r"[^A-Za-z0-9_/]")
+_DIGIT: Final = re.compile(r"(?<![^/])(?=[0-9])")
+
+
+class _Topic(NamedTuple):
+    """A topic; its fields are those of `Channel`. Without a slash it is below the namespace."""
+
+    name: str
+    kind: type[IdlStruct]
+    depth: int = 10
+    latched: bool = False
+    own: bool = False
+
+
+_TF: Final = _Topic("/tf", types.TFMessage, 100)
+_OWN_TF: Final = _TF._replace(own=True)
+_TF_STATIC: Final = _Topic("/tf_static", types.TFMessage, 1, latched=True, own=True)
+_DIAGNOSTICS: Final = _Topic("/diagnostics", types.DiagnosticArray)
+_ODOM: Final = _Topic("odom", types.Odometry, own=True)
+_POSE: Final = _Topic("pose", types.PoseWithCovarianceStamped)
+_SCAN: Final = _Topic("scan", types.LaserScan, own=True)
+_SONAR: Final = _Topic("sonar", types.Range, 50, own=True)
+_OBSTACLES: Final = _Topic("obstacles", types.PointCloud2)
+_LOCAL_MAP: Final = _Topic("local_map", types.OccupancyGrid, 1, latched=True)
+_MAP: Final = _Topic("map", types.OccupancyGrid, 1, latched=True)
+_PATH: Final = _Topic("path", types.Path, 1, latched=True)
+_BATTERY: Final = _Topic("battery_state", types.BatteryState, own=True)
+_GOAL: Final = _Topic("goal_pose", types.PoseStamped, 1)
+
+_SAID: Final = (
+    *(_TF, _OWN_TF, _TF_STATIC, _DIAGNOSTICS, _ODOM, _POSE, _SCAN, _SONAR, _OBSTACLES),
+    *(_LOCAL_MAP, _MAP, _PATH, _BATTERY),
+)
+"""All that samples are given on."""
+
+_KEPT: Final[dict[type[m.Message], str]] = {
+    m.Description: "_description",
+    BatteryLevel: "_level",
+    MissionStatus: "_mission",
+}
+"""What is known just as it was last said."""
+
+_Said = tuple[_Topic, IdlStruct]
+"""A topic and a sample."""
+
+
+class _State(NamedTuple):
+    """The status packet of a cycle."""
+
+    cycle: m.Cycle
+    at: int  # ns
+    odometry: Pose2
+
+
+def ros_namespace(namespace: str) -> str:
+    """A namespace as ROS 2 can have it: letters, digits and `_`, no digit first."""
+    return _DIGIT.sub("_", _UNFIT.sub("_", namespace))
+
+
+class Society:
+    """One robot's society, as topics; see `armadico.observe.translators`."""
+
+    def __init__(self, namespace: str = "", world: World | None = None) -> None:
+        """See `Makes`. A namespace begins topics (`/robot1/odom`) and frames (`robot1/odom`)."""
+        self.namespace = ros_namespace(namespace)
+        self._prefix = f"{self.namespace}/" if namespace else ""
+        self._world = world
+        self._channels = {topic: self._channel(topic) for topic in _SAID}
+        self.channels: Sequence[Channel] = tuple(self._channels.values())
+        self.goals = self._channel(_GOAL)
+        self.profile = "ros2"
+        # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
+        self.about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
+        self._states: deque[_State] = deque(maxlen=STATES)
+        self._base: Pose2 | None = None  # of the robot in the map, as it was last said
+        self._odom: Pose2 | None = None  # where the odometry's origin lies in it
+        self._sonars: dict[tuple[float, float, float], str] = {}
+        self._scan: tuple[int, int] | None = None  # the epoch and number of the newest
+        self._near: dict[str, Obstacles] = {}  # by key: of each sensor
+        self._local: dict[str, LocalMap] = {}
+        self._grid: OccupancyGrid | None = None
+        self._path: tuple[object, ...] | None = None
+        self._level: BatteryLevel | None = None
+        self._state: m.RobotState | None = None
+        self._pose: Pose | None = None
+        self._mission: MissionStatus | None = None
+        self._description: m.Description | None = None
+        self._acks: dict[str, m.Ack] = {}
+        self._battery_at = self._told_at = 0  # ns: not before then
+        self._takers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Said]]] = {
+            m.RobotState: self._take_state,
+            Pose: self._take_pose,
+            Sonar: self._take_sonar,
+            Scan: self._take_scan,
+            Obstacles: self._take_obstacles,
+            LocalMap: self._take_local_map,
+            OccupancyGrid: self._take_grid,
+            Trajectory: self._take_trajectory,
+            m.Ack: self._take_ack,
+            m.Description: self._keep,
+            BatteryLevel: self._keep,
+            MissionStatus: self._keep,
+        }
+        self.kinds: Sequence[type[m.Message]] = tuple(self._takers)
+
+    # Messages in, samples out ---------------------------------------------------------------------
+
+    def take(self, key: str, message: m.Message, at: int) -> Iterator[Sample]:
+        for topic, sample in self._said(key, message, at):
+            yield Sample(self._channels[topic], cdr.encode(sample))
+
+    def _said(self, key: str, message: m.Message, at: int) -> Iterator[_Said]:
+        if self._world is not None:
+            yield _MAP, occupancy(drawn(self._world), self._on_map(at))
+            self._world = None
+        taker = self._takers.get(type(message))
+        if taker is not None:
+            yield from taker(key, message, at)
+        if at >= self._told_at and (self._state is not None or self._acks):
+            yield _DIAGNOSTICS, self._diagnostics(at)
+
+    def _take_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Said]:
+        here = (state.x, state.y, state.theta)
+        self._states.append(_State(state.cycle, at, here))
+        self._state = state
+        yield _OWN_TF, types.TFMessage([self._transform(at, self._prefix + ODOM, BASE, here)])
+        speeds = types.Twist(types.Vector3(state.v), types.Vector3(z=state.w))
+        yield (
+            _ODOM,
+            types.Odometry(
+                self._header(at, ODOM),
+                self._prefix + BASE,
+                types.PoseWithCovariance(pose_of(here)),
+                types.TwistWithCovariance(speeds),
+            ),
+        )
+        if self._pose is not None and self._pose.cycle == state.cycle:
+            yield self._corrected(self._pose, self._states[-1])  # it has overtaken the state
+        if at >= self._battery_at:
+            self._battery_at = at + int(EACH_S * 1e9)
+            yield _BATTERY, self._battery(state, at)
+
+    def _take_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Said]:
+        self._pose, self._base = pose, (pose.x, pose.y, pose.theta)
+        state = self._at(pose.cycle)
+        stamp = at if state is None else state.at
+        if state is not None:
+            yield self._corrected(pose, state)
+        header = self._on_map(stamp)
+        known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
+        yield _POSE, types.PoseWithCovarianceStamped(header, known)
+
+    def _corrected(self, pose: Pose, state: _State) -> _Said:
+        """Where the odometry's origin lies, by the pose and the odometry of one cycle."""
+        origin = relative(state.odometry, (0.0, 0.0, 0.0))
+        self._odom = compose((pose.x, pose.y, pose.theta), origin)
+        return _TF, types.TFMessage([self._transform(state.at, MAP, ODOM, self._odom)])
+
+    def _take_sonar(self, _: str, sonar: Sonar, at: int) -> Iterator[_Said]:
+        mounted = {(echo.x, echo.y, echo.bearing) for echo in sonar.echoes}
+        new = sorted(mounted - self._sonars.keys())
+        if new and len(self._sonars) < MOST:
+            for where in new:
+                self._sonars[where] = self._sonar_frame(where)
+            yield (
+                _TF_STATIC,
+                types.TFMessage(
+                    [
+                        self._transform(at, self._prefix + BASE, frame, where)
+                        for where, frame in sorted(self._sonars.items())
+                    ]
+                ),
+            )
+        stamp = self._stamp(sonar.cycle, at)
+        said = self._description
+        limits = (0.0, 0.0) if said is None else (said.cone, said.nearest)
+        for echo in sonar.echoes:
+            frame = self._sonars.get((echo.x, echo.y, echo.bearing))
+            if frame is None:
+                continue
+            heard = math.inf if echo.range is None else echo.range
+            yield (
+                _SONAR,
+                types.Range(self._header(stamp, frame), ULTRASOUND, *limits, sonar.reach, heard),
+            )
+
+    def _take_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Said]:
+        if grid == self._grid:
+            return  # it is said each second
+        self._grid = grid
+        try:
+            cells = cells_of(grid)
+        except ValueError:  # anybody may say anything
+            return
+        if cells.states.size:
+            yield _MAP, occupancy(cells, self._on_map(at))
+
+    def _take_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Said]:
+        said = (trajectory.mission, trajectory.start, trajectory.waypoints)
+        if said == self._path:
+            return  # it is said each second
+        self._path = said
+        header = self._on_map(at)
+        places = [(w.x, w.y, w.theta) for w in trajectory.waypoints]
+        if places:
+            x, y = trajectory.start.x, trajectory.start.y
+            places = [(x, y, math.atan2(places[0][1] - y, places[0][0] - x)), *places]
+        yield _PATH, types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
+
+    def _take_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
+        before = self._acks.get(ack.resource)
+        if before is None and len(self._acks) >= MOST:
+            return
+        self._acks[ack.resource] = ack
+        if before is None or driver(before) != driver(ack):
+            self._told_at = 0
+        yield from ()
+
+    def _keep(self, _: str, message: m.Message, _at: int) -> Iterator[_Said]:
+        setattr(self, _KEPT[type(message)], message)
+        yield from ()
+
+    def _take_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Said]:
+        """Once each, in a frame that lies where the laser was, so that nothing is turned."""
+        which = (scan.cycle.epoch, scan.number)
+        if which == self._scan:
+            return  # a laser that is slower than the cycles
+        self._scan = which
+        try:
+            found = ranges_of(scan)  # NaN: nothing valid, infinite: nothing there, by REP-117
+        except ValueError:  # anybody may say anything
+            return
+        stamp = self._stamp(scan.cycle, at)
+        place = (scan.x, scan.y, 0.0)
+        yield _OWN_TF, types.TFMessage([self._transform(stamp, self._prefix + BASE, SCAN, place)])
+        yield (
+            _SCAN,
+            types.LaserScan(
+                self._header(stamp, SCAN),
+                angle_min=scan.bearing,
+                angle_max=scan.bearing + scan.step * max(len(found) - 1, 0),
+                angle_increment=scan.step,
+                range_max=scan.reach,
+                ranges=found.tolist(),
+            ),
+        )
+
+    def _take_obstacles(self, key: str, obstacles: Obstacles, at: int) -> Iterator[_Said]:
+        """The points of all sensors that have spoken within the freshest cycles."""
+        self._near[key] = obstacles
+        found = [p for each in _fresh(self._near, obstacles.cycle) for p in each.points]
+        points = np.zeros((len(found), 3), dtype="<f4")
+        points[:, :2] = np.array([(p.x, p.y) for p in found], dtype="<f4").reshape(-1, 2)
+        fields = [types.PointField(name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
+        header = self._header(self._stamp(obstacles.cycle, at), BASE)
+        size = (1, len(found), fields, False, 12, 12 * len(found))
+        yield _OBSTACLES, types.PointCloud2(header, *size, points.tobytes(), is_dense=True)
+
+    def _take_local_map(self, key: str, local: LocalMap, at: int) -> Iterator[_Said]:
+        """A square around the robot; what has no cell in the local map is unknown."""
+        self._local[key] = local
+        maps = _fresh(self._local, local.cycle)
+        reach = max(each.reach for each in maps)
+        side = max(LOCAL_M, 2.0 * reach / LOCAL_CELLS)
+        half = math.ceil(reach / side)
+        cells = np.full((2 * half, 2 * half), -1, dtype=np.int8)
+        for cell in (cell for each in maps for cell in each.cells):
+            row, column = (math.floor(v / side) + half for v in (cell.y, cell.x))
+            if 0 <= row < 2 * half and 0 <= column < 2 * half:
+                believed = round(100.0 * cell.probability)
+                cells[row, column] = max(int(cells[row, column]), believed)
+        corner = -half * side
+        stamp = self._stamp(local.cycle, at)
+        size = types.MapMetaData(
+            stamp_of(stamp), side, 2 * half, 2 * half, pose_of((corner, corner, 0.0))
+        )
+        known: list[int] = cells.ravel().tolist()
+        yield _LOCAL_MAP, types.OccupancyGrid(self._header(stamp, BASE), size, known)
+
+    # Samples --------------------------------------------------------------------------------------
+
+    def _battery(self, state: m.RobotState, at: int) -> types.BatteryState:
+        share = math.nan if self._level is None else self._level.share
+        return types.BatteryState(
+            self._header(at, BASE),
+            voltage=state.battery_v,
+            temperature=math.nan,
+            current=math.nan,
+            charge=math.nan,
+            capacity=math.nan,
+            design_capacity=math.nan,
+            percentage=share,
+            power_supply_status=types.CHARGING if state.charging else types.DISCHARGING,
+            present=True,
+        )
+
+    def _diagnostics(self, at: int) -> types.DiagnosticArray:
+        """Who drives, and how the robot is."""
+        self._told_at = at + int(EACH_S * 1e9)
+        known = [self._holder(ack) for _, ack in sorted(self._acks.items())]
+        if self._state is not None:
+            known.append(self._health(self._state))
+        return types.DiagnosticArray(types.Header(stamp_of(at)), known)
+
+    def _holder(self, ack: m.Ack) -> types.DiagnosticStatus:
+        holder = driver(ack)
+        ballot = ack.obeyed if holder is not None else None
+        values = {
+            "holder": holder or "",
+            "utility": f"{ack.utility:.3f}" if holder else "",
+            "critical": str(ack.critical).lower(),
+            "term": "" if ballot is None else str(ballot.term),
+            "cycle": str(ack.cycle.number),
+        }
+        who = "nobody" if holder is None else agent_of(holder)
+        return self._status(OK, f"{ack.resource} holder", who, values)
+
+    def _health(self, state: m.RobotState) -> types.DiagnosticStatus:
+        values = {
+            "v": f"{state.v:.3f}",
+            "w": f"{state.w:.3f}",
+            "motors": str(state.motors).lower(),
+            "battery": f"{state.battery_v:.1f}",
+        }
+        if self._mission is not None:
+            values["mission"] = self._mission.state.value
+            values["mission note"] = self._mission.note
+        level, said = OK, "well"
+        if state.stalled:
+            level, said = WARN, "stalled"
+        if state.stop.stopped:
+            level, said = WARN, f"stopped by {state.stop.who}"
+        if self._pose is not None and self._pose.deviation > LOST_M:
+            level, said = ERROR, f"lost: the pose is {self._pose.deviation:.1f} m off"
+        return self._status(level, "robot", said, values)
+
+    def _status(
+        self, level: int, what: str, said: str, values: dict[str, str]
+    ) -> types.DiagnosticStatus:
+        pairs = [types.KeyValue(name, value) for name, value in values.items()]
+        robot = "" if self._description is None else self._description.robot
+        return types.DiagnosticStatus(level, self._prefix + what, said, robot, pairs)
+
+    # Goals ----------------------------------------------------------------------------------------
+
+    def goal(
+        self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
+    ) -> MissionRequest:
+        """See `Translator` and `goals`: in a frame that is known, and not of long ago."""
+        frame, place, stamp = read_goal(data, encoding, schema)
+        if stamp and (age_s := 1e-9 * (at - stamp)) > OLD_S:
+            raise ValueError(
+                f"its stamp is {age_s:.0f} s old, and a goal may be {OLD_S:.0f} s (0 is now);"
+                " do the clocks agree?"
+            )
+        x, y, theta = compose(self._frame(frame), place)
+        if max(abs(x), abs(y)) > m.LARGEST:
+            raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is no place")
+        return MissionRequest(Waypoint(x, y, theta))
+
+    def _frame(self, frame: str) -> Pose2:
+        """Where a frame lies in the map. Raises ValueError."""
+        known = {
+            MAP: (0.0, 0.0, 0.0),
+            self._prefix + ODOM: self._odom,
+            self._prefix + BASE: self._base,
+        }
+        name = frame.removeprefix("/")
+        if name not in known:
+            raise ValueError(f"its frame is {frame!r}, and it must be one of {', '.join(known)}")
+        where = known[name]
+        if where is None:
+            raise ValueError(f"nobody has said yet where {name} lies in {MAP}")
+        return where
+
+    # Stamps and frames ----------------------------------------------------------------------------
+
+    def _at(self, cycle: m.Cycle) -> _State | None:
+        return next((state for state in reversed(self._states) if state.cycle == cycle), None)
+
+    def _stamp(self, cycle: m.Cycle, at: int) -> int:
+        state = self._at(cycle)
+        return at if state is None else state.at
+
+    def _header(self, at: int, frame: str) -> types.Header:
+        return types.Header(stamp_of(at), self._prefix + frame)
+
+    def _on_map(self, at: int) -> types.Header:
+        return types.Header(stamp_of(at), MAP)
+
+    def _transform(self, at: int, parent: str, child: str, where: Pose2) -> types.TransformStamped:
+        moved = types.Transform(types.Vector3(where[0], where[1]), rotation(wrap(where[2])))
+        return types.TransformStamped(
+            types.Header(stamp_of(at), parent), self._prefix + child, moved
+        )
+
+    def _sonar_frame(self, where: tuple[float, float, float]) -> str:
+        """By where it looks: a ring has one a bearing, a robot with two has a rear one."""
+        row = "sonar" if where[0] >= 0.0 else "sonar_rear"
+        name = f"{row}_{round(math.degrees(where[2]))}"
+        same = sum(frame.partition(".")[0] == name for frame in self._sonars.values())
+        return f"{name}.{same + 1}" if same else name
+
+    def _channel(self, topic: _Topic) -> Channel:
+        name, kind, depth, latched, own = topic
+        return Channel(
+            name if name.startswith("/") else f"/{self._prefix}{name}",
+            CDR,
+            cdr.ros_name(kind),
+            "ros2msg",
+            cdr.definition(kind),
+            latched,
+            depth,
+            own,
+            {"offered_qos_profiles": _qos(latched, depth), "topic_type_hash": cdr.type_hash(kind)},
+        )
+
+
+_M = TypeVar("_M", Obstacles, LocalMap)
+
+
+def _fresh(known: dict[str, _M], cycle: m.Cycle) -> list[_M]:
+    """Those that answer much the same cycle; each sensor speaks for itself."""
+    return [
+        each
+        for _, each in sorted(known.items())
+        if each.cycle.epoch == cycle.epoch and abs(each.cycle.number - cycle.number) <= FRESH_CYCLES
+    ]
+
+
+def _covariance(known: Sequence[float]) -> list[float]:
+    """Of x, y, z, roll, pitch and yaw, by rows, from the upper triangle of that of x, y, yaw."""
+    whole = [0.0] * 36
+    if len(known) == COVARIANCE:
+        pairs = ((0, 0), (0, 1), (0, 5), (1, 1), (1, 5), (5, 5))
+        for (row, column), value in zip(pairs, known, strict=True):
+            whole[6 * row + column] = whole[6 * column + row] = value
+    return whole
+
+
+_INFINITE: Final = "sec: 9223372036\n    nsec: 854775807"
+
+
+def _qos(latched: bool, depth: int) -> str:
+    """As rosbag2 up to its version 8 writes it: reliable, keep last, rmw's numbers, as YAML."""
+    return (
+        f"- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {1 if latched else 2}\n"
+        f"  deadline:\n    {_INFINITE}\n  lifespan:\n    {_INFINITE}\n  liveliness: 1\n"
+        f"  liveliness_lease_duration:\n    {_INFINITE}\n"
+        "  avoid_ros_namespace_conventions: false"
+    )

@@ -1,0 +1,1 @@
+"""The iRobot Create 2 as a robot of Armadico."""

@@ -1,0 +1,145 @@
+"""A simulated Create 2: the plant of Armadico's simulator, and the Open Interface on it."""
+
+from __future__ import annotations
+
+import struct
+from math import inf
+
+from armadico.bridge.simulator.encoders import TICKS_PER_M
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.robots import Stage
+from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico_create2.driver import (
+    DRIVE_DIRECT,
+    FRAME_S,
+    LIGHTS,
+    PACKETS,
+    PASSIVE_MODE,
+    PAUSE,
+    SAFE,
+    SAFE_MODE,
+    START,
+    STOP,
+    STREAM,
+    TOP_MM_S,
+    encode,
+)
+from armadico_create2.kind import Create2
+
+LENGTHS = {START: 1, SAFE: 1, DRIVE_DIRECT: 5, PAUSE: 2, STOP: 1}
+"""Of commands, in bytes; STREAM's says its own."""
+
+FELT_S = 0.1
+"""The bumper stays pressed so long."""
+
+
+def simulated(profile: Create2, stage: Stage) -> SimulatedRobot:
+    """A Create 2 on a stage, as its serial line shows it."""
+    plant = Plant(profile, stage.sensors, stage.site, stage.streams)
+    name = stage.name or profile.name
+    return SimulatedRobot(plant, Controller(profile, plant), name, profile.cycle_s)
+
+
+class Controller:
+    """What answers on the serial line; see `armadico.bridge.simulator.simulated.Controller`."""
+
+    def __init__(self, profile: Create2, plant: Plant) -> None:
+        self._profile, self._plant = profile, plant
+        self._in, self._out = bytearray(), bytearray()
+        self._frame = round(FRAME_S / plant.step_s)  # these in steps of the plant
+        self._now = self._next = 0
+        self._mode = 0
+        self._streams = False
+        self._speeds = (0.0, 0.0)
+        self._lights = [0] * len(LIGHTS)
+        self._frames = 0
+
+    @property
+    def is_open(self) -> bool:
+        return self._streams
+
+    @property
+    def hangs_up(self) -> bool:
+        return False  # a serial line cannot
+
+    @property
+    def time_s(self) -> float:
+        return self._now * self._plant.step_s
+
+    @property
+    def next_status_s(self) -> float:
+        return self._next * self._plant.step_s if self._streams else inf
+
+    def receive(self, data: bytes) -> None:
+        self._in += data
+        while self._in and (length := self._length()) <= len(self._in):
+            command = bytes(self._in[:length])
+            del self._in[:length]
+            self._obey(command)
+
+    def advance(self, now_s: float) -> bytes:
+        until = int(now_s / self._plant.step_s + 1e-6)
+        while self._now < until:
+            stop = min(until, self._next) if self._streams else until
+            self._plant.run(stop - self._now, lambda _v, _w: self._speeds)
+            self._now = stop
+            if self._streams and stop >= self._next:
+                self._next += self._frame
+                self._send()
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def disconnect(self) -> None:
+        """It does not notice: the robot drives on."""
+        self._in.clear()
+
+    def _length(self) -> int:
+        """Of the command that has begun; more than there is if that is not known yet."""
+        opcode = self._in[0]
+        if opcode == STREAM:
+            return 2 + self._in[1] if len(self._in) > 1 else 2
+        return LENGTHS.get(opcode, 1)
+
+    def _obey(self, command: bytes) -> None:
+        opcode = command[0]
+        if opcode == START:
+            self._mode, self._speeds = PASSIVE_MODE, (0.0, 0.0)
+        elif opcode == STOP:
+            self._mode, self._speeds, self._streams = 0, (0.0, 0.0), False
+        elif opcode == SAFE and self._mode:
+            self._mode = SAFE_MODE
+        elif opcode == DRIVE_DIRECT and self._mode == SAFE_MODE:
+            wheels = struct.unpack(">hh", command[1:])
+            right, left = (1e-3 * max(-TOP_MM_S, min(each, TOP_MM_S)) for each in wheels)
+            track_m = 2.0 * self._profile.body.half_track_m
+            self._speeds = (0.5 * (left + right), (right - left) / track_m)
+        elif opcode in {STREAM, PAUSE} and self._mode:
+            streams = command[1] != 0  # only the driver's own list of packets is simulated
+            if streams and not self._streams:
+                self._next = self._now + self._frame
+            self._streams = streams
+
+    def _send(self) -> None:
+        """One frame of the stream; the light bumpers flash in turn."""
+        plant, interface = self._plant, self._profile.create2
+        if plant.charging and self._mode == SAFE_MODE:
+            self._mode, self._speeds = PASSIVE_MODE, (0.0, 0.0)
+        turn = self._frames % len(LIGHTS)
+        self._frames += 1
+        found = plant.ping(turn)
+        near = 0.0 if found is None else interface.light_at_10_cm * (0.1 / max(found, 0.01)) ** 2
+        self._lights[turn] = min(round(near), 4095)
+        left, right = (
+            round(ticks / TICKS_PER_M * interface.counts_per_m) for ticks in plant.encoder_counts
+        )
+        values = dict.fromkeys(PACKETS, 0) | {
+            7: 0b11 if self.time_s - plant.pressed_s <= FELT_S else 0,
+            22: round(1e3 * plant.battery_v),
+            34: 2 if plant.charging else 0,
+            35: self._mode,
+            43: (left + 0x8000) % 0x10000 - 0x8000,
+            44: (right + 0x8000) % 0x10000 - 0x8000,
+            **dict(zip(LIGHTS, self._lights, strict=True)),
+        }
+        self._out += encode(values)

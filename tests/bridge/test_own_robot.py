@@ -1,0 +1,77 @@
+"""A robot that is a package of its own drives as ours do: docs/own-robot.md walks through it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.house.tree import ROOT
+from tests.once import Once
+from tests.programs import SOON, call, starter
+
+EXAMPLE = ROOT / "examples" / "create2"
+
+
+@pytest.fixture
+def env(once: Once, tmp_path: Path) -> dict[str, str]:
+    """Where it is installed."""
+
+    def install() -> str:
+        copy = shutil.copytree(EXAMPLE, tmp_path / "create2")  # a build leaves folders behind
+        quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index")
+        words = ("-m", "pip", "install", *quietly, "--target", str(tmp_path / "site"), str(copy))
+        subprocess.run([sys.executable, *words], check=True)
+        return str(tmp_path / "site")
+
+    return {**os.environ, "PYTHONPATH": once("create2", install)}
+
+
+def test_its_own_tests_pass(env: dict[str, str]) -> None:
+    words = ("-m", "pytest", "-q", "-n0", "-p", "no:cacheprovider", str(EXAMPLE))
+    done = subprocess.run(
+        [sys.executable, *words], env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_its_profile_is_found_by_its_name_and_reaches_the_goal_of_scenario_4(
+    env: dict[str, str],
+) -> None:
+    words = ("run", "sc4", "--virtual", "--profile", "create2", "--sensors", "ideal", "--no-plot")
+    done = call(*words, env=env)
+    assert done.returncode == 0, done.stderr
+    assert "sc4: reached" in done.stdout
+
+
+def test_without_it_the_kinds_that_are_installed_are_named() -> None:
+    profile = EXAMPLE / "armadico_create2" / "create2.toml"
+    done = call("run", "sc1", "--virtual", "--profile", str(profile))
+    assert done.returncode != 0
+    assert "[create2] is no kind of robot that is installed" in done.stderr
+    assert "(installed kinds of robots: p2os, ros2)" in done.stderr
+
+
+def test_an_address_of_another_kind_is_refused(env: dict[str, str]) -> None:
+    words = ("robot", "--set", "port=ros2://", "--set", "profile=create2")
+    done = call(*words, program="armadico-agent", env=env)
+    assert done.returncode != 0
+    assert "its address begins with serial:// or tcp://" in done.stderr
+
+
+@pytest.mark.live
+def test_live_it_is_driven_over_a_serial_line(env: dict[str, str], tmp_path: Path) -> None:
+    line, namespace = str(tmp_path / "robot"), ("--namespace", f"create2-{os.getpid()}")
+    with starter(env=env) as start:
+        simulator = start("sim", "create2", "sc1", "--pty", line, *namespace)
+        assert simulator.stdout is not None
+        assert "serial://" in simulator.stdout.readline()
+        words = ("--robot", f"serial://{line}?baud=115200", "--profile", "create2", "--no-plot")
+        run = start("run", "sc1", "--goal", "0.6", "0", "0", *words, *namespace)
+        out, errors = run.communicate(timeout=SOON)
+        assert run.returncode == 0, errors
+        assert "reached" in out

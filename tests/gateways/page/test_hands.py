@@ -1,0 +1,181 @@
+"""Hands on the page's stick, in a virtual society with a teleop agent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+
+from armadico.agents.teleop.messages import Stick
+from armadico.agents.teleop.teleop import Teleop
+from armadico.gateways.page.session import TURN_S
+from armadico.mobile.messages import Truth
+from tests.framework.robots import body
+from tests.gateways.page.stage import Stage
+
+SEND_S = 0.1
+"""How often a page says where its stick is."""
+
+MOTORS = 1.3
+"""As in `tests.launch.test_teleop`: the wheels over the controller's ramps, without a hand, too."""
+
+
+class Hands(Stage):
+    """Pages that hold sticks: by name, where each is."""
+
+    def __init__(self) -> None:
+        super().__init__("sc1")
+        self.run.add(Teleop)
+        self.sticks: dict[str, tuple[float, float]] = {}
+        self.truths: list[Truth] = []
+        self.heard: list[Stick] = []
+        self._send_at = 0.0
+        self.mesh.watch(lambda _, truth, t: self.truths.append(truth), Truth)
+        self.mesh.watch(lambda _, stick, t: self.heard.append(stick), Stick)
+        self.ready()
+        self.session.came("page 2")
+        self.until(lambda: self.parts["hand"]["there"])
+
+    def hold(self, browser: str, v: float, w: float) -> None:
+        self.sticks[browser] = v, w
+
+    def let_go(self, browser: str) -> None:
+        self.sticks.pop(browser)
+        self.say(browser, "stick", v=0.0, w=0.0, cycle=self.parts["motion"]["cycle"], held=False)
+
+    def go_on(self, condition: Callable[[], object], seconds: float = 30.0) -> None:
+        end = self.mesh.now + seconds
+        while not condition():
+            assert self.mesh.now < end, (self.parts["hand"], self.parts["wheels"])
+            if self.mesh.now >= self._send_at:
+                self._send_at = self.mesh.now + SEND_S
+                for browser, (v, w) in self.sticks.items():
+                    cycle = self.parts["motion"]["cycle"]
+                    self.say(browser, "stick", v=v, w=w, cycle=cycle)
+            self.session.turn(TURN_S)
+
+    def holds(self, browser: str) -> bool:
+        hand = self.parts["hand"]
+        return bool(hand["hand"] == browser and hand["holds"])
+
+    @property
+    def driver(self) -> str | None:
+        driver: str | None = self.parts["wheels"]["driver"]
+        return driver
+
+    @property
+    def v(self) -> float:
+        v: float = self.parts["motion"]["v"]
+        return v
+
+    def smooth(self) -> None:
+        robot = body()
+        for before, after in pairwise(self.truths):
+            passed = after.t - before.t
+            if passed > 0.0:
+                a, alpha = (after.v - before.v) / passed, (after.w - before.w) / passed
+                assert -MOTORS * robot.v_decel <= a <= MOTORS * robot.v_accel, before
+                assert abs(alpha) <= MOTORS * robot.w_accel, before
+
+
+@pytest.fixture
+def hands() -> Hands:
+    return Hands()
+
+
+def test_a_hand_drives_and_hands_back_to_the_mission_without_a_jerk(hands: Hands) -> None:
+    assert hands.answer(hands.say("page 1", "go", x=6.0, y=0.0))["ok"]
+    hands.go_on(lambda: hands.v > 0.3)
+    hands.hold("page 1", 0.5, 0.3)
+    hands.go_on(lambda: hands.holds("page 1"))
+    assert hands.driver == "teleop"
+    hands.go_on(lambda: hands.parts["motion"]["w"] > 0.15)
+    hands.let_go("page 1")
+    hands.go_on(lambda: hands.driver == "goto", 2.0)
+    hands.go_on(lambda: hands.parts["mission"]["state"] == "reached", 60.0)
+    hands.smooth()
+
+
+def test_of_two_hands_the_first_has_it_and_the_second_is_told_whose_it_is(hands: Hands) -> None:
+    hands.hold("page 1", 0.4, 0.0)
+    hands.go_on(lambda: hands.holds("page 1"))
+    hands.hold("page 2", -1.0, 0.0)
+    until = hands.mesh.now + 1.5
+    hands.go_on(lambda: hands.mesh.now > until)
+    assert hands.parts["hand"]["hand"] == "page 1"
+    assert hands.v > 0.1
+    hands.let_go("page 1")
+    hands.go_on(lambda: hands.holds("page 2"))
+
+
+def test_a_page_that_goes_lets_go_at_once(hands: Hands) -> None:
+    hands.hold("page 1", 0.4, 0.0)
+    hands.go_on(lambda: hands.holds("page 1"))
+    hands.sticks.clear()
+    hands.session.left("page 1")
+    hands.pass_(0.1)
+    assert not hands.heard[-1].held
+    hands.go_on(lambda: hands.parts["hand"]["hand"] == "" and hands.v == 0.0, 5.0)
+
+
+def test_a_page_that_freezes_is_let_go_of_after_half_a_second(hands: Hands) -> None:
+    hands.hold("page 1", 0.4, 0.0)
+    hands.go_on(lambda: hands.holds("page 1"))
+    hands.sticks.clear()
+    frozen = hands.mesh.now
+    hands.go_on(lambda: hands.parts["hand"]["hand"] == "", 5.0)
+    assert 0.4 < hands.mesh.now - frozen < 0.9
+    hands.go_on(lambda: hands.v == 0.0, 5.0)
+
+
+def test_the_server_is_killed_with_a_hand_on_the_stick_and_the_robot_stands(hands: Hands) -> None:
+    hands.hold("page 1", 1.0, 0.0)
+    hands.go_on(lambda: hands.v > 0.3)
+    hands.place.kill()
+    hands.mesh.run(hands.mesh.now + 3.0)
+    assert abs(hands.truths[-1].v) < 0.01
+    hands.smooth()
+
+
+def test_the_stop_wins_over_a_hand_that_stays_on_the_stick(hands: Hands) -> None:
+    hands.hold("page 1", 0.5, 0.0)
+    hands.go_on(lambda: hands.v > 0.2)
+    hands.say("page 2", "stop")
+    hands.go_on(lambda: hands.parts["stop"]["held"] and hands.v == 0.0)
+    until = hands.mesh.now + 2.0
+    hands.go_on(lambda: hands.mesh.now > until)
+    assert hands.v == 0.0
+    assert "stopped by page 2" in hands.parts["hand"]["note"]
+
+
+def test_a_stick_says_which_cycle_its_page_has_seen_and_none_to_come(hands: Hands) -> None:
+    seen = hands.parts["motion"]["cycle"]
+    hands.say("page 1", "stick", v=0.1, w=0.0, cycle=seen - 2)
+    hands.say("page 1", "stick", v=0.1, w=0.0, cycle=seen + 1000)
+    hands.pass_(0.1)
+    first, second = hands.heard
+    assert first.cycle.number == seen - 2
+    assert seen <= second.cycle.number <= seen + 2
+    assert (first.number, second.number) == (1, 2)
+
+
+def test_where_nobody_takes_the_stick_the_page_starts_who_does() -> None:
+    stage = Stage()
+    stage.ready()
+    assert not stage.parts["hand"]["there"]
+    assert stage.parts["could"] == ["teleop"]
+    assert stage.answer(stage.say("page 1", "start", agent="teleop"))["ok"]
+    stage.until(lambda: stage.parts["hand"]["there"])
+    assert stage.parts["could"] == []
+    answer = stage.answer(stage.say("page 1", "start", agent="teleop"))
+    assert not answer["ok"]
+    assert len(stage.spawned) == 1
+
+
+def test_who_does_not_hear_the_robot_does_not_drive_it() -> None:
+    stage = Stage()
+    stage.session.came("page 1")
+    stage.say("page 1", "stick", v=1.0, w=0.0, cycle=0)
+    stage.until(lambda: stage.shown.answers)
+    assert stage.shown.answers[0]["text"] == "nothing is heard of the robot"
