@@ -44,7 +44,6 @@ from armadico.launch.wakeup import Wakeup
 from armadico_tools.docs_fields import fields_of, messages
 from armadico_tools.kept_results import outcomes, pairs, smoothness
 from armadico_tools.markdown import table
-from armadico_tools.transcripts.scenes import SCENES
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 """The checkout: the documentation is not installed."""
@@ -262,12 +261,6 @@ def agent_list(*, asked_for: bool = False) -> str:
     return table(("agent", "what it is", "competes for"), rows)
 
 
-def scenes() -> str:
-    """The transcripts: what happens in each."""
-    rows = ((f"[{s.name}](transcripts/{s.name}.jsonl)", s.about) for s in SCENES)
-    return table(("scene", "what happens"), rows)
-
-
 def patterns() -> str:
     """The agent pattern of the thesis (figure 3.6), filled in by what each class declares."""
     kinds = peers()
@@ -309,7 +302,6 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "example": example,
     "commands": lambda: commands("armadico."),
     "laboratory": lambda: commands("armadico_tools."),
-    "scenes": scenes,
     "agents": agent_list,
     "patterns": patterns,
     "more agents": partial(agent_list, asked_for=True),

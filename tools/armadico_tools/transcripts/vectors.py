@@ -29,7 +29,7 @@ from armadico.core.messages import (
     decode,
     encode,
 )
-from armadico_tools.transcripts.tape import fields_of
+from armadico_tools.transcripts.replay import fields_of
 
 
 class Vector(Struct, frozen=True):
