@@ -188,7 +188,6 @@ class _Client(subprocess.Popen[str]):
         self.kill()
 
     def kill(self) -> None:
-        """End both of them."""
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 

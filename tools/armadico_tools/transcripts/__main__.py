@@ -29,7 +29,6 @@ def files() -> dict[Path, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write, replay or list."""
     parser = argparse.ArgumentParser(
         prog="python -m armadico_tools.transcripts",
         description=__doc__,

@@ -121,11 +121,9 @@ class Driven(Judge):
 
     @classmethod
     def subscriptions(cls) -> tuple[Subscription, ...]:
-        """All but its own."""
         return tuple(s for s in super().subscriptions() if s.message not in cls.provides)
 
     def on_start(self) -> None:
-        """The first cycle."""
         self.on_wakeup()
 
     def on_wakeup(self) -> None:

@@ -116,7 +116,6 @@ def inputs(transcript: Transcript, label: str) -> list[Line]:
 
 
 def outputs(transcript: Transcript, label: str) -> list[Line]:
-    """All that it sends."""
     return [x for x in transcript.lines if x["from"] == label and x["what"] in SENT]
 
 
