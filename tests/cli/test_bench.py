@@ -11,7 +11,7 @@ import pytest
 
 from armadico.cli.options import FailedError
 from armadico_tools.bench import figures
-from armadico_tools.bench.figures import BENCHMARKS, Benchmark, Figure, Tell, figure, percentile
+from armadico_tools.bench.figures import BENCHMARKS, Benchmark, Figure, figure, percentile
 from armadico_tools.commands.bench import main
 from tests.programs import BIN, Done, call, heavy, imports_nothing
 
@@ -35,12 +35,6 @@ def test_list_names_every_benchmark_with_what_it_is_compared_with() -> None:
     firsts = [line.split()[0] for line in done.stdout.splitlines() if line[0] != " "]
     assert firsts == NAMES
     assert "floor: bare zenoh-python" in done.stdout
-
-
-def test_list_is_json_too() -> None:
-    rows = json.loads(bench("--list", "--json").stdout)
-    assert [row["name"] for row in rows] == NAMES
-    assert all(set(row) == {"name", "summary", "floor", "aim"} for row in rows)
 
 
 @pytest.mark.parametrize("option", ["--help", "--list"])
@@ -90,19 +84,19 @@ def test_each_other_benchmark_gives_figures(name: str) -> None:
     assert all(row["p50"] > 0.0 for row in rows)
 
 
-def measured(quick: bool, tell: Tell) -> list[Figure]:
+def measured(quick: bool) -> list[Figure]:
     return [figure("measured", "s", [2.0])]
 
 
-def unmeasured(quick: bool, tell: Tell) -> list[Figure]:
+def unmeasured(quick: bool) -> list[Figure]:
     raise TimeoutError("was not seen within 20 s")
 
 
-def interrupted(quick: bool, tell: Tell) -> list[Figure]:
+def interrupted(quick: bool) -> list[Figure]:
     raise KeyboardInterrupt
 
 
-def benchmarks(*functions: Callable[[bool, Tell], list[Figure]]) -> tuple[Benchmark, ...]:
+def benchmarks(*functions: Callable[[bool], list[Figure]]) -> tuple[Benchmark, ...]:
     return tuple(
         Benchmark(each.__name__, "", "", "", f"{each.__module__}:{each.__name__}")
         for each in functions
