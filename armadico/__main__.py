@@ -24,14 +24,12 @@ UNPRINTABLE = "backslashreplace"
 
 
 def main() -> int:
-    """`armadico`."""
     with _silently():
         from armadico.cli import main as command  # noqa: PLC0415 - takes its time
     return run(command)
 
 
 def agent() -> int:
-    """`armadico-agent`."""
     with _silently():
         from armadico.cli.agent import main as command  # noqa: PLC0415 - takes its time
     return run(command)

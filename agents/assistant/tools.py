@@ -32,8 +32,6 @@ class Goal(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Because(Struct, frozen=True, forbid_unknown_fields=True):
-    """Why, for people."""
-
     reason: Reason = ""
 
 

@@ -50,7 +50,6 @@ class FleetResult(Struct, frozen=True):
 
     @property
     def verdict(self) -> str:
-        """One line on it."""
         took = "" if self.makespan_s is None else f" in {self.makespan_s:.1f} s"
         left = ", ".join(map(str, self.unreachable))
         nobody = f"; nobody gets to {left}" if left else ""

@@ -147,14 +147,12 @@ class Machine:
         self._events.put(event)
 
     def read(self, timeout_s: float) -> bytes:
-        """See `Port`."""
         try:
             return lines(self._events.get(timeout=timeout_s))
         except queue.Empty:
             return b""
 
     def write(self, data: bytes) -> None:
-        """See `Port`."""
         for order in orders(data):
             self.orders.put(order)
 

@@ -110,7 +110,6 @@ def _keys_of(resource: str) -> tuple[str, str, str]:
 
 
 def text(found: Graph) -> str:
-    """A line a key."""
     width = max(map(len, found.keys), default=0)
     return "\n".join(
         f"{key:<{width}}  {', '.join(found.says(key)) or '-'} -> "

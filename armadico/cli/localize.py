@@ -80,7 +80,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's options."""
     made = options.parser(
         "armadico localize",
         "Run the localization agent over a log and compare its pose with the log's reference. A log"

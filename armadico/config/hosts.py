@@ -51,8 +51,6 @@ _GONE: Final = {
 
 
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
-    """One machine."""
-
     router: str | None = None
     """Where its robot agent listens for other machines, `tcp/10.0.0.2:7447`; none: for no one."""
     address: str | None = None

@@ -92,8 +92,6 @@ def parse_map(text: str, name: str, file: Path | str = "<text>") -> World:
 
 
 class _Cairn(Struct, frozen=True):
-    """One `Cairn:` line."""
-
     kind: str
     pose: Pose
     description: str

@@ -201,7 +201,6 @@ class VirtualHost:
             self._begin(label)
 
     def receive(self, data: bytes, now: float) -> None:
-        """See `Device`: orders."""
         for order in orders(data):
             match order.do:
                 case Do.START:

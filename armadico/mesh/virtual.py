@@ -157,7 +157,6 @@ class VirtualMesh:
         return node
 
     def take_in(self, place: Place) -> None:
-        """Somebody joins, now."""
         self.places.append(place)
         self._routes.clear()
         self.star.join(place)
@@ -600,7 +599,6 @@ class Node(Place):
 
     @property
     def is_router(self) -> bool:
-        """See `Place`."""
         return WHEELS in self.agent.owns
 
     def keep_journal(self) -> None:

@@ -97,7 +97,6 @@ class VirtualSession(Place):
 
     @property
     def reachable(self) -> bool:
-        """See `Mesh`."""
         return self.presence.reachable
 
     def watch_router(self, changed: Callable[[bool], None]) -> None:

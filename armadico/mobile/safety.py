@@ -64,8 +64,6 @@ class Scene(NamedTuple):
 
 
 class Limited(NamedTuple):
-    """A wish brought down."""
-
     v: float
     w: float
     free: float  # m that the arc of the wish itself is free; inf if nothing is on it

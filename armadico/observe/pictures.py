@@ -26,16 +26,12 @@ from armadico.config.worlds import Pose, World, load_world
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
 SIZE_PX = (1280, 720)
 DPI = 100
 COLOURS_IN_PNG = 224
-MARGINS_PX = 215
-"""Above and below panels: heading, their titles, axes and legend."""
-
 TALL = 1.6
 """A world this much taller than wide is drawn turned by a quarter."""
 
@@ -130,38 +126,6 @@ def draw_run(world: World, run: Run, out: Path | str | BinaryIO) -> None:
     canvas.poses(run.start, run.goal, run.waypoints, world.docks.values())
     canvas.robots(run.steps, run.body)
     canvas.save(out)
-
-
-@dataclass(frozen=True)
-class Moment:
-    """Where a robot was at t (s), and where it may have been: poses in m, m and rad."""
-
-    t: float
-    robot: Pose
-    particles: Sequence[Pose]
-    found: bool = False
-
-
-def draw_moments(world: World, moments: Sequence[Moment], body: Body, path_out: Path | str) -> None:
-    """A PNG of a robot that finds itself: its particles, moment beside moment."""
-    x1, y1, x2, y2 = world.bounds
-    share = 0.93 / len(moments)
-    high = (share - 0.03) * SIZE_PX[0] * min((y2 - y1) / (x2 - x1), TALL)
-    height = round(high) + MARGINS_PX
-    figure = None
-    for column, moment in enumerate(moments):
-        place = (0.045 + share * column, 85 / height, share - 0.03, high / height)
-        canvas = Canvas(world, figure, place, height)
-        figure = canvas.figure
-        canvas.particles(moment.particles)
-        canvas.robots([(moment.t, *moment.robot, None)], body)
-        since = moment.t - moments[0].t
-        canvas.axes.set_title(f"after {since:.0f} s" + ", found" * moment.found, color=INK)
-    canvas.heading(
-        f"{world.name}: with no idea of the pose",
-        "Particles of the localization agent, some of them by their weight, and where the robot is",
-    )
-    canvas.save(path_out)
 
 
 @dataclass(frozen=True)
@@ -291,9 +255,7 @@ class Canvas:
     def __init__(
         self,
         world: World,
-        figure: Figure | None = None,
         place: tuple[float, float, float, float] = (0.055, 0.125, 0.925, 0.735),
-        height_px: int = SIZE_PX[1],
     ) -> None:
         # Not pyplot's: a notebook's own backend, and its open figures, are left alone.
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (an extra)
@@ -303,10 +265,9 @@ class Canvas:
         self.turned = (y2 - y1) > TALL * (x2 - x1)
         self.size = max(x2 - x1, y2 - y1)
         self.legend: dict[str, Any] = {}
-        size = (SIZE_PX[0] / DPI, height_px / DPI)
-        self.figure = figure or Figure(figsize=size, dpi=DPI, facecolor=PAPER)
-        if figure is None:
-            FigureCanvasAgg(self.figure)
+        size = (SIZE_PX[0] / DPI, SIZE_PX[1] / DPI)
+        self.figure = Figure(figsize=size, dpi=DPI, facecolor=PAPER)
+        FigureCanvasAgg(self.figure)
         self.axes: Axes = self.figure.add_axes(place)
         self._cycle(world.bounds)
         self._rooms(world)
@@ -322,7 +283,7 @@ class Canvas:
 
     def heading(self, title: str, *lines: str) -> list[Text]:
         """Write a title and up to two lines below it; returns those lines."""
-        height = self.figure.get_figheight() * DPI
+        height = SIZE_PX[1]
         self.figure.text(0.055, 1 - 39.6 / height, title, fontsize=17, weight="bold", color=INK)
         return [
             self.figure.text(
@@ -340,25 +301,6 @@ class Canvas:
             dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
             dots.set_zorder(2)
             self.legend["heard or seen"] = self.axes.scatter([], [], s=14, color="#8796a3")
-
-    def particles(self, particles: Sequence[Pose]) -> None:
-        """Places where the robot may be, and where it looks there."""
-        xs, ys = zip(*(self.at(x, y) for x, y, _ in particles), strict=True)
-        headings = [self.direction(theta) for _, _, theta in particles]
-        self.axes.quiver(
-            xs,
-            ys,
-            [cos(heading) for heading in headings],
-            [sin(heading) for heading in headings],
-            color=PARTICLE,
-            alpha=0.6,
-            angles="xy",
-            scale_units="xy",
-            scale=40.0 / self.size,
-            width=0.004,
-            zorder=4,
-        )
-        self.legend["particle"] = self._handle(PARTICLE)
 
     def mapped(self, cells: Cells) -> None:
         """The map made by driving: what is free, and what is occupied."""

@@ -39,7 +39,7 @@ HEX: Final = "_hex"
 """Ends the name of a field that is bytes, written as hexadecimal text."""
 
 
-class Heard(msgspec.Struct, frozen=True, tag=True):
+class Heard(msgspec.Struct, frozen=True):
     """One payload, and when it came (ns of the watcher's clock)."""
 
     namespace: str
@@ -49,7 +49,7 @@ class Heard(msgspec.Struct, frozen=True, tag=True):
     asked: bool = False  # a reply to a query of the watcher's, not a publication
 
 
-class Presence(msgspec.Struct, frozen=True, tag=True):
+class Presence(msgspec.Struct, frozen=True):
     """A liveliness token came or went."""
 
     namespace: str

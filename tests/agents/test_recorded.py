@@ -1,7 +1,7 @@
 """Every agent decides what it decided in the recording that is shipped.
 
-A difference that is meant: `python -m armadico_tools.recordings --update`, and the commit says what
-is decided otherwise, and why.
+A difference that is meant: `python -m armadico_tools.recordings`, and the commit says what is
+decided otherwise, and why.
 """
 
 from __future__ import annotations
@@ -12,7 +12,15 @@ import pytest
 
 pytest.importorskip("mcap")
 
-from armadico_tools.recordings import SHIPPED, make, replay
+from armadico.observe.recordings import Past
+from armadico.observe.replay import Outcome, replayed
+from armadico_tools.recordings import SHIPPED, make
+
+
+def replay(path: Path) -> list[Outcome]:
+    past = Past(path, pytest.fail)
+    past.check()
+    return [replayed(journal) for journal in past.journals()]
 
 
 def test_every_agent_decides_what_it_did() -> None:

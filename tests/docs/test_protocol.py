@@ -10,11 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico_tools.docs import ROOT
 from armadico_tools.transcripts.__main__ import FOLDER
-from armadico_tools.transcripts.replay import difference_of, inputs
-from armadico_tools.transcripts.scenes import SCENES
-from armadico_tools.transcripts.tape import read
+from armadico_tools.transcripts.replay import difference_of, inputs, read
 from tests.docs import contender
 from tests.docs.blocks import files
 from tests.docs.shell import Shell
@@ -51,10 +48,11 @@ def test_the_program_on_the_page_hears_the_robot_and_stops_it(tmp_path: Path) ->
 # A contender by the rules of the page -------------------------------------------------------------
 
 CONTENDER = Path(__file__).parent / "contender.py"
+SCENES = [path for path in sorted(FOLDER.glob("*.jsonl")) if path.stem != "vectors"]
 WHEELS_ONLY = [
-    (scene.name, part.label)
-    for scene in SCENES
-    for part in scene.parts
+    (path.stem, part.label)
+    for path in SCENES
+    for part in read(path.read_text(encoding="utf-8")).agents
     if part.competes_for == ("wheels",)
 ]
 
@@ -72,7 +70,7 @@ def test_the_contender_knows_nothing_of_ours() -> None:
 
 
 def test_the_check_on_the_page_is_a_pipe(tmp_path: Path) -> None:
-    file, mine = str(ROOT / FOLDER / "take-over.jsonl"), tmp_path / "mine.jsonl"
+    file, mine = str(FOLDER / "take-over.jsonl"), tmp_path / "mine.jsonl"
     tool = [sys.executable, "-m", "armadico_tools.transcripts"]
     given = subprocess.run([*tool, "inputs", file, "--agent", "b"], capture_output=True, check=True)
     said = subprocess.run(
@@ -90,7 +88,7 @@ def test_the_check_on_the_page_is_a_pipe(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("name", "label"), WHEELS_ONLY)
 def test_a_contender_by_the_rules_of_the_page_says_what_ours_says(name: str, label: str) -> None:
-    text = (ROOT / FOLDER / f"{name}.jsonl").read_text(encoding="utf-8")
+    text = (FOLDER / f"{name}.jsonl").read_text(encoding="utf-8")
     there, head = read(text), json.loads(text.splitlines()[0])
     part = next(p for p in head["agents"] if p["name"] == label)
     steps = part["bids"]["wheels"]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Final, Self
 
 from armadico.config.hosts import load_hosts
 from armadico.mesh.link_faults import LinkFaults
-from armadico_tools.hosts.demo import BESIDE
 from armadico_tools.testbed import TABLE, Namespaces
+
+BESIDE: Final = ("lab1", "avoid")
+"""Where a second avoid stands by, as in deploy/compose.yaml."""
 
 
 class NamespaceHosts:
@@ -41,9 +42,8 @@ class NamespaceHosts:
         self._bed.network.change(lambda switch: switch.plug(host, False))
         self._bed.network.hosts[host].kill()
 
-    def popen(self, host: str, argv: Sequence[str]) -> subprocess.Popen[str]:
-        program = [sys.executable if argv[0] == "python" else argv[0], *argv[1:]]
-        return self._bed.popen(host, program, stdout=subprocess.PIPE, text=True, bufsize=1)
+    def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
+        return self._bed.popen(host, argv, stdout=subprocess.PIPE, text=True, bufsize=1, **options)
 
     def last_words(self) -> str:
         return "\n".join(

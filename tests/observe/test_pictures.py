@@ -20,15 +20,12 @@ pytest.importorskip("matplotlib")
 from armadico.observe.pictures import (
     COLOURS,
     NOBODY,
-    PARTICLE,
     Canvas,
-    Moment,
     Run,
     Step,
     _reigns,
     _spaced,
     colour,
-    draw_moments,
     draw_run,
 )
 
@@ -141,30 +138,3 @@ def test_every_shipped_world_is_in_the_documentation() -> None:
     for name in names("worlds"):
         assert f"(worlds/{name}.png)" in text
         assert (DOCS / "worlds" / f"{name}.png").stat().st_size < 40_000
-
-
-@pytest.mark.parametrize(("world", "height"), [("sc4", 394), ("offices", 690)])
-def test_moments_lie_beside_one_another_in_a_picture_as_high_as_the_world(
-    tmp_path: Path, world: str, height: int
-) -> None:
-    shown = load_world(world)
-    x, y = shown.bounds[0] + 1.0, shown.bounds[1] + 1.0
-    places = [(x + 0.1 * n, y, 0.2 * n) for n in range(20)]
-    moments = [Moment(t, (x, y, 0.5), places, found=t > 1.0) for t in (0.0, 1.0, 2.0)]
-    draw_moments(shown, moments, BODY, tmp_path / "found.png")
-    with Image.open(tmp_path / "found.png") as image:
-        assert image.size == (1280, pytest.approx(height, abs=1))
-        drawn = image.convert("RGB")
-        third = drawn.width // 3
-        for column in range(3):
-            part = drawn.crop((third * column, 0, third * (column + 1), drawn.height - 60))
-            counts = part.getcolors(drawn.width * drawn.height)
-            assert counts is not None
-            teal = [n for n, rgb in counts if isinstance(rgb, tuple) and _teal(rgb)]
-            assert sum(teal) > 50
-
-
-def _teal(rgb: tuple[int, ...]) -> bool:
-    """Of a particle's colour, on the floor: more green than red by far."""
-    assert PARTICLE == "#0b8f88"
-    return rgb[1] - rgb[0] > 60 and abs(rgb[1] - rgb[2]) < 30

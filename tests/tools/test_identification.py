@@ -11,13 +11,7 @@ from statistics import fmean
 import numpy as np
 import pytest
 
-from armadico.bridge.kind import simulated
-from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.transports import TransportError
 from armadico.cli import main
-from armadico.cli.options import FailedError
-from armadico.config.scenarios import ideal, load_scenario
-from armadico_tools.commands import identify as command
 from armadico_tools.experiments.identify import (
     MENDED,
     STRAIGHT,
@@ -41,7 +35,7 @@ from armadico_tools.identification import (
     response,
     truth,
 )
-from armadico_tools.speed_log import Floats, Log, LogError, Recorder, read_log, write_log
+from armadico_tools.speed_log import Floats, Log, LogError, read_log, write_log
 
 ROBOT = profile()
 TRUE = truth(ROBOT)
@@ -268,9 +262,6 @@ def test_the_table_marks_what_may_be_zero(
         ([], "name logs"),
         (["a.csv", "--simulate", "b.csv"], "name logs"),
         (["missing.csv"], "missing.csv: No such file"),
-        (["--record", "a.csv"], "--robot URL go together"),
-        (["--record", "a.csv", "--robot", "tcp://x", "--speed", "9"], "at most 1"),
-        (["--record", "a.csv", "--robot", "fax://x"], "begins with none of"),
         (["--simulate", "a.csv", "--seed", "-1"], "at least 0"),
     ],
 )
@@ -288,75 +279,3 @@ def test_a_log_that_tells_nothing_is_a_failure_that_says_why(
     path.write_text(write_log(constant()))
     assert main(["identify", str(path)]) == 1
     assert "cannot identify a11 (1/a11), a15 (C_v), a18 (C_s)" in capsys.readouterr().err
-
-
-# Recording ----------------------------------------------------------------------------------------
-
-
-class Line:
-    """The simulated robot's port as a transport; each reading takes 20 ms of its time."""
-
-    def __init__(self) -> None:
-        self.robot = simulated(ideal(load_scenario("sc1")), seeded(1))
-        self.now = 0.0
-        self.url = "memory:"
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def read(self, timeout_s: float) -> bytes:
-        self.now += timeout_s
-        return self.robot.advance(self.now)
-
-    def write(self, data: bytes) -> None:
-        self.robot.receive(data, self.now)
-
-
-def test_a_robot_is_driven_forward_and_backward_over_p2os_and_left_at_rest() -> None:
-    line = Line()
-    recorder = Recorder((0.4, 0.0), 16.0, ROBOT.body.half_track_m)
-    command._drive(line, recorder, ROBOT, lambda: line.now)
-    v, asked = np.array([(row[1], row[3]) for row in recorder.rows]).T
-    assert (v.max(), v.min()) == pytest.approx((0.4, -0.4), abs=0.02)
-    assert set(np.round(asked, 3)) == {0.4, 0.2, -0.4, -0.2, 0.0}
-    assert abs(line.robot.plant.pose[0]) < 0.5
-    line.robot.advance(line.now + 3.0)
-    assert line.robot.plant.speeds == (0.0, 0.0)
-
-
-def test_a_recording_has_no_voltages_and_is_refused_until_it_has() -> None:
-    recorder = Recorder((0.0, 1.0), 4.0, ROBOT.body.half_track_m)
-    for n in range(41):
-        recorder.take(7.0 + 0.1 * n, -0.1, 0.1)
-    assert recorder.done
-    assert recorder.rows[-1][2] == pytest.approx(0.2 / (2 * ROBOT.body.half_track_m))
-    with pytest.raises(LogError, match="left_v is empty"):
-        read_log(recorder.csv())
-
-
-class Dead(Line):
-    def read(self, timeout_s: float) -> bytes:
-        self.now += 0.5
-        return b""
-
-    def write(self, data: bytes) -> None: ...
-
-
-def test_a_robot_that_does_not_answer_ends_the_recording() -> None:
-    line = Dead()
-    recorder = Recorder((0.4, 0.0), 16.0, ROBOT.body.half_track_m)
-    with pytest.raises(FailedError, match="no controller answers"):
-        command._drive(line, recorder, ROBOT, lambda: line.now)
-
-
-def test_a_line_that_breaks_is_a_failure_and_not_a_trace(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def broken(url: str) -> Line:
-        raise TransportError(f"cannot reach {url}")
-
-    monkeypatch.setattr("armadico.runtime.port_reader.open_port", broken)
-    path = str(tmp_path / "a.csv")
-    assert main(["identify", "--record", path, "--robot", "tcp://nowhere:1"]) == 1
-    assert "cannot reach tcp://nowhere:1" in capsys.readouterr().err

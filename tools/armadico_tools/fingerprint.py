@@ -1,49 +1,58 @@
-"""What a virtual run publishes, as one line: whether a change of code changed any of it.
+"""Hash what virtual runs publish, to compare two commits: the same line, the same run.
 
-    python -m armadico_tools.fingerprint sc4 --seed 7
+    python -m armadico_tools.fingerprint sc1 sc4 house surveillance fleet --seed 7
 
-hashes each publication's key, content and instant. Two builds or commits that print the same line
-drive the same run.
+Each publication's key, content and instant is hashed, from the start to the end of the run.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import random
 import sys
 from collections.abc import Sequence
 
-from armadico.config.scenarios import Scenario, load_scenario, with_sensors
+from armadico.agents.fleet.run import FleetRehearsal
+from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.services import services
-from armadico.launch.society import Options
+from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 
 
-def fingerprint(scenario: Scenario, options: Options) -> str:
-    """SHA-256 of all that is published from the start to the goal, and when."""
-    rehearsal, digest = Rehearsal(scenario, options), hashlib.sha256()
-    rehearsal.mesh.watch(
-        lambda key, message, now: digest.update(repr((key, message, now)).encode()),
-        *{service.message for service in services()},
-    )
-    rehearsal.run()
+def fingerprint(scenario: Scenario, options: Options, robots: int = 3) -> str:
+    """SHA-256 of all that a run publishes, and when; a scenario with tasks has several robots."""
+    random.seed(options.seed)  # a client numbers a mission by it
+    scenario, digest = prepared(scenario, options), hashlib.sha256()
+    run: Rehearsal | FleetRehearsal
+    if scenario.tasks:
+        run = FleetRehearsal(scenario, options, robots)
+        namespaces = list(run.names)
+    else:
+        run = Rehearsal(scenario, options)
+        namespaces = [run.namespace]
+    for namespace in namespaces:
+        run.mesh.watch(
+            lambda key, message, now: digest.update(repr((key, message, now)).encode()),
+            *{service.message for service in services()},
+            namespace=namespace,
+        )
+    run.run()
     return digest.hexdigest()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print a fingerprint for each scenario."""
-    parser = argparse.ArgumentParser(description="A hash of all that a virtual run publishes.")
+    parser = argparse.ArgumentParser(description="Hash what virtual runs publish.")
     parser.add_argument("scenarios", nargs="*", default=["sc4"])
     parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--sensors", choices=("ideal", "real"), help="not the scenario's")
+    parser.add_argument("--sensors", choices=("ideal", "real"), help="instead of the scenario's")
     parser.add_argument("--parameters", help="thesis, or a TOML file")
+    parser.add_argument("--robots", type=int, default=3, help="robots of a fleet (default: 3)")
     args = parser.parse_args(argv)
+    options = Options(seed=args.seed, sensors=args.sensors, parameters=args.parameters)
     for name in args.scenarios:
-        options = Options(seed=args.seed, parameters=args.parameters)
-        scenario = load_scenario(name)
-        if args.sensors is not None:
-            scenario = with_sensors(scenario, args.sensors)
-        print(name, fingerprint(scenario, options))
+        print(name, fingerprint(load_scenario(name), options, args.robots), flush=True)
     return 0
 
 

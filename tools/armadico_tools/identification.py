@@ -23,6 +23,7 @@ Voltages: left is the thesis's V3, right its V2. Speeds as REP-103: m/s ahead, r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import atanh, exp, log1p, tanh
 from typing import Any, Final
 
@@ -311,6 +312,9 @@ class _Problem:
         return x / tanh(x) if x > 0.0 else 1.0
 
 
+METHODS: Final = {"instruments": instrumental, "least-squares": least_squares}
+
+
 # What follows from the coefficients ---------------------------------------------------------------
 
 
@@ -385,3 +389,47 @@ def autocorrelation(residuals: Floats, lags: int) -> Floats:
     centred = residuals - residuals.mean()
     whole: Any = np.correlate(centred, centred, "full")[len(centred) - 1 :]
     return np.asarray(whole[: lags + 1] / max(float(whole[0]), 1e-300), dtype=np.float64)
+
+
+def report(logs: Sequence[tuple[str, Log]], robot: P2osRobot, method: str) -> list[dict[str, Any]]:
+    """What is found in named logs, as JSON has it: an entry for each motion of each log.
+
+    The friction of the wheels is that of the first log that is straight ahead; else the profile's.
+    """
+    friction: Friction | None = None
+    entries: list[dict[str, Any]] = []
+    for motion in (LINEAR, ANGULAR):
+        for name, log in logs:
+            about: dict[str, Any] = {"log": name, "motion": motion.name}
+            try:
+                estimate = METHODS[method](log, robot, motion, coupled=motion == ANGULAR)
+            except NotIdentifiableError as error:
+                entries.append(about | {"refused": str(error)})
+                continue
+            found = physical(estimate, robot, friction)
+            if motion == LINEAR and friction is None:
+                friction = Friction(found["C_v"], found["C_s"])
+            entries.append(about | _entry(estimate, found, robot))
+    return entries
+
+
+def _entry(estimate: Estimate, found: dict[str, Interval], robot: P2osRobot) -> dict[str, Any]:
+    known = truth(robot)
+    return {
+        "windows": estimate.windows,
+        "noise": estimate.noise,
+        "parameters": {
+            name: {
+                "value": it.value,
+                "half_95": it.half,
+                "unit": unit,
+                "profile": known[name],
+                "told_from_zero": not it.holds(0.0),
+            }
+            for (name, it), unit in zip(found.items(), estimate.motion.units, strict=True)
+        },
+        "coefficients": {
+            name: {"value": it.value, "half_95": it.half}
+            for name, it in estimate.coefficients().items()
+        },
+    }

@@ -13,7 +13,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Ballot, Claim, Command, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import VirtualMesh
-from armadico_tools.bench.figures import Figure, Tell, figure
+from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.transcripts.agents import Driven
 
 CROWDS: Final = (3, 10, 50)
@@ -71,16 +71,14 @@ class TurnTaker(Agent):
         return Bid(0.9 if turn == self.place else 0.3, (0.5, 0.2 * self.place))
 
 
-def messages_per_cycle(quick: bool, tell: Tell) -> list[Figure]:
+def messages_per_cycle(quick: bool) -> list[Figure]:
     """Claims and commands in each cycle of a round, for each crowd."""
     rounds = 1 if quick else 3
     alone = _talk(1, rounds)
-    figures = []
-    for done, crowd in enumerate(CROWDS, 1):
-        row = figure(f"messages-per-cycle-{crowd}", "messages", _talk(crowd, rounds), alone)
-        figures.append(row)
-        tell(done / len(CROWDS))
-    return figures
+    return [
+        figure(f"messages-per-cycle-{crowd}", "messages", _talk(crowd, rounds), alone)
+        for crowd in CROWDS
+    ]
 
 
 def _talk(crowd: int, rounds: int) -> list[int]:
@@ -101,13 +99,10 @@ def _number(message: Message) -> int:
     return message.cycle.number
 
 
-def cycles_to_obeyed(quick: bool, tell: Tell) -> list[Figure]:
+def cycles_to_obeyed(quick: bool) -> list[Figure]:
     """Cycles from the one in which another bid is the best to its first obeyed command."""
     turns = 20 if quick else 100
-    cycles: list[int] = []
-    for seed in range(5):
-        cycles += _takeovers(seed, turns)
-        tell((seed + 1) / 5)
+    cycles = [number for seed in range(5) for number in _takeovers(seed, turns)]
     return [figure("cycles-to-obeyed", "cycles", cycles)]
 
 

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Final
 
-Tell = Callable[[float], None]
-"""Called with the share of a benchmark that is done, 0 to 1."""
-
 
 @dataclass(frozen=True)
 class Figure:
@@ -33,7 +30,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One thing to measure: `function` ("module:name") takes (quick, tell) and gives figures."""
+    """One thing to measure: `function` ("module:name") takes whether to be quick."""
 
     name: str
     summary: str
@@ -41,11 +38,11 @@ class Benchmark:
     aim: str
     function: str
 
-    def measure(self, quick: bool, tell: Tell) -> list[Figure]:
-        """Do it; nothing of it is imported before."""
+    def measure(self, quick: bool) -> list[Figure]:
+        """Its figures; nothing of it is imported before."""
         module, _, name = self.function.partition(":")
-        measure: Callable[[bool, Tell], list[Figure]] = getattr(import_module(module), name)
-        return measure(quick, tell)
+        measure: Callable[[bool], list[Figure]] = getattr(import_module(module), name)
+        return measure(quick)
 
 
 BENCHMARKS: Final = (
@@ -91,7 +88,7 @@ BENCHMARKS: Final = (
         "simulated seconds in a second of the whole virtual society, by the wall and by the CPU",
         "the simulated robot alone, driven along",
         "1.6 times commit c949985, run in turns; 200, at least 100",
-        "armadico_tools.bench.speed:speed",
+        "armadico_tools.bench.computing:speed",
     ),
     Benchmark(
         "localizing",
@@ -99,21 +96,21 @@ BENCHMARKS: Final = (
         " sonars, and tracking; of CPU time",
         "",
         "0.5 s (kept on disk afterwards), 10 ms, 3 % of a core",
-        "armadico_tools.bench.localizing:localizing",
+        "armadico_tools.bench.computing:localizing",
     ),
     Benchmark(
         "plan",
         "a plan on 1,000 x 1,000 cells, from one of 100 rooms to another, the map known",
         "the exact search over the cells alone",
         "100 ms",
-        "armadico_tools.bench.planning:planning",
+        "armadico_tools.bench.computing:planning",
     ),
     Benchmark(
         "start",
         "from starting `armadico-agent goto` to its token seen by another process",
         "bare Python that opens a Zenoh session and declares a token",
         "",
-        "armadico_tools.bench.start:start",
+        "armadico_tools.bench.processes:start",
     ),
     Benchmark(
         "imports",
@@ -121,21 +118,21 @@ BENCHMARKS: Final = (
         " them",
         "bare Python",
         "imports-heavy 0",
-        "armadico_tools.bench.start:imports",
+        "armadico_tools.bench.processes:imports",
     ),
     Benchmark(
         "memory",
         "of one agent process, driving: resident (rss), and what is its own alone (uss)",
         "bare Python with Zenoh open",
         "",
-        "armadico_tools.bench.society:memory",
+        "armadico_tools.bench.processes:memory",
     ),
     Benchmark(
         "cpu",
         "of the society's processes at 10 Hz, driving sc1, in per cent of a core",
         "",
         "",
-        "armadico_tools.bench.society:cpu",
+        "armadico_tools.bench.processes:cpu",
     ),
 )
 """All benchmarks, in the order in which they run."""

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from typing import Final
+from typing import Final, Self
 
 from armadico.bridge.p2os.commands import Cmd, quantity
 from armadico.bridge.p2os.packets import Decoder
@@ -42,7 +42,7 @@ from armadico.launch.local import Launcher
 from armadico.launch.society import Options
 from armadico.mobile.messages import Echo, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
-from armadico_tools.bench.figures import Figure, Tell, figure
+from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.bench.processes import floor_socket, ready_floor
 from armadico_tools.testbed import Place
 
@@ -59,103 +59,105 @@ LOST_S: Final = 0.09
 READY_S: Final = 10.0
 """Time limit for the floor's links, and from one motor command to the next."""
 
-ATTEMPTS: Final = 50
+SETTLE_S: Final = 0.2
+"""For how long a floor waits for its first answer before it sends again: links are coming up."""
 
 WARM_UP: Final = 20
 """Status packets that are not counted, while the robot picks up speed."""
 
 
-class Stopwatch:
-    """The robot's end of a line, with the time of what goes out and of what comes back."""
+class Floor:
+    """A thread that makes a round some time after each `turn`, and notes how long that takes.
 
-    def __init__(self, line: TcpLine, sent: Sequence[Callable[[], None]]) -> None:
+    It begins once the first round comes back, for which `await_all` waits.
+    """
+
+    def __init__(self, delay_s: float, lost_s: float, go_round: Callable[[float], bool]) -> None:
+        """`go_round` sends, and returns whether the answer came within so many seconds."""
         self.latencies: list[float] = []  # s
-        self._line = line
-        self._sent = sent
+        self._delay_s, self._lost_s, self._go_round = delay_s, lost_s, go_round
+        self._turns: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="floor", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._over.set()
+        self._turns.put(False)
+        self._thread.join()
+
+    def turn(self) -> None:
+        """Start a round: the society has had its turn."""
+        self._turns.put(True)
+
+    def _run(self) -> None:
+        while not (self._over.is_set() or self._go_round(SETTLE_S)):
+            pass
+        while self._turns.get() and not self._over.wait(self._delay_s):
+            sent_at = time.perf_counter()
+            if self._go_round(self._lost_s):
+                self.latencies.append(time.perf_counter() - sent_at)
+
+
+class Stopwatch:
+    """A robot's end of a line, with the time from what makes a cycle to the command that returns.
+
+    Args:
+        line: That of the robot.
+        begins: Whether bytes that go out make a cycle.
+        answers: Whether bytes that come in have a motor command.
+        floors: They have their turns afterwards.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        begins: Callable[[bytes], bool],
+        answers: Callable[[bytes], bool],
+        floors: Sequence[Floor],
+    ) -> None:
+        self.latencies: list[float] = []  # s
+        self._line, self._begins, self._answers, self._floors = line, begins, answers, floors
         self._sent_at: float | None = None
-        self._decoder = Decoder()
 
     def hang_up(self) -> bool:
         """The robot is done with its client."""
         return self._line.hang_up()
 
     def write(self, data: bytes) -> None:
-        """Status packets go out: the watch starts."""
-        self._sent_at = time.perf_counter()
+        """Send; the watch starts with a cycle."""
+        begins = self._begins(data)
+        if begins:
+            self._sent_at = time.perf_counter()
         self._line.write(data)
-        for tell in self._sent:
-            tell()
+        for floor in self._floors if begins else ():
+            floor.turn()
 
     def read(self, timeout_s: float) -> bytes | None:
-        """A motor command comes in: it stops."""
+        """Receive; the watch stops with a command."""
         data = self._line.read(timeout_s)
         now = time.perf_counter()
-        for payload in self._decoder.feed(data or b"", now):
-            if payload[0] in MOTOR and self._sent_at is not None:
-                if now - self._sent_at < LOST_S:
-                    self.latencies.append(now - self._sent_at)
-                self._sent_at = None
+        if self._answers(data or b"") and self._sent_at is not None:
+            if now - self._sent_at < LOST_S:
+                self.latencies.append(now - self._sent_at)
+            self._sent_at = None
         return data
 
 
-class BarePath:
-    """A floor: a thread that sends some time after `turn`, and waits for the answer."""
-
-    def __init__(self, connection: socket.socket, delay_s: float) -> None:
-        self.latencies: list[float] = []  # s
-        self._connection = connection
-        self._delay_s = delay_s
-        self._turns: queue.SimpleQueue[bool] = queue.SimpleQueue()
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="floor", daemon=True)
-
-    def start(self) -> None:
-        """Begin, once the bytes come round. Raises RuntimeError if they do not."""
-        self._connection.settimeout(READY_S / ATTEMPTS)
-        for _ in range(ATTEMPTS):  # links come up in the background
-            if self._round():
-                self._connection.settimeout(LOST_S)
-                self._thread.start()
-                return
-        raise RuntimeError(f"nothing came round the floor within {READY_S:.0f} s")
-
-    def turn(self) -> None:
-        """Start a round: a status packet went out elsewhere."""
-        self._turns.put(True)
-
-    def stop(self) -> None:
-        self._over.set()
-        self._turns.put(False)
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _run(self) -> None:
-        while self._turns.get() and not self._over.wait(self._delay_s):
-            sent_at = time.perf_counter()
-            if self._round():
-                self.latencies.append(time.perf_counter() - sent_at)
-
-    def _round(self) -> bool:
-        try:
-            self._connection.sendall(bytes(STATUS_BYTES))
-            return bool(self._connection.recv(4096))
-        except TimeoutError:
-            return False
-
-
-def sip_to_command(quick: bool, tell: Tell) -> list[Figure]:
+def sip_to_command(quick: bool) -> list[Figure]:
     """Every agent a process of its own."""
-    return _measured("sip-to-command", (), quick, tell)
+    return _measured("sip-to-command", (), quick)
 
 
-def sip_to_command_together(quick: bool, tell: Tell) -> list[Figure]:
+def sip_to_command_together(quick: bool) -> list[Figure]:
     """The robot agent beside one process for all the others."""
-    return _measured("sip-to-command-together", (AGENTS,), quick, tell)
+    return _measured("sip-to-command-together", (AGENTS,), quick)
 
 
-def _measured(
-    name: str, together: tuple[tuple[str, ...], ...], quick: bool, tell: Tell
-) -> list[Figure]:
+def _measured(name: str, together: tuple[tuple[str, ...], ...], quick: bool) -> list[Figure]:
     """The society and the floors, one after the other, ten times a second each."""
     wanted = WARM_UP + (80 if quick else 500)
     with ExitStack() as stack:
@@ -165,27 +167,32 @@ def _measured(
         ]
         line = TcpLine("127.0.0.1", 0)
         stack.callback(line.close)
-        watch = Stopwatch(line, [bare.turn for bare in floors])
+        decoder = Decoder()
+
+        def commanded(data: bytes) -> bool:
+            payloads = [*decoder.feed(data, time.perf_counter())]
+            return any(payload[0] in MOTOR for payload in payloads)
+
+        watch = Stopwatch(line, lambda _data: True, commanded, floors)
         stack.enter_context(simulated(_pioneer(), watch))
         stack.enter_context(society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
-        await_all(taken, wanted, tell)
-        whole, *bare_ms = [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
+        whole, *bare_ms = await_all(taken, wanted)
     names = (name, f"{name}-path")
     return [figure(each, "ms", whole, bare) for each, bare in zip(names, bare_ms, strict=True)]
 
 
-def await_all(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
-    """Until all have so many. Raises TimeoutError if one of them gets no farther."""
+def await_all(taken: Sequence[Sequence[float]], wanted: int) -> list[list[float]]:
+    """So many of each, ms, but for the first. Raises TimeoutError if one gets no farther."""
     have, since = 0, time.monotonic()
     while have < wanted:
         now = min(map(len, taken))
         if now > have:
             have, since = now, time.monotonic()
-            tell(min(have / wanted, 1.0))
         elif time.monotonic() - since > READY_S:
             raise TimeoutError(f"no motor command for {READY_S:.0f} s")
         time.sleep(0.2)
+    return [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
 
 
 def _pioneer() -> Pioneer:
@@ -237,7 +244,7 @@ def society(
 
 
 @contextmanager
-def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[BarePath]:
+def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[Floor]:
     """Processes that follow these rules; the first is the router, and has the TCP connection."""
     with ExitStack() as stack:
         router = stack.enter_context(floor_socket())
@@ -249,10 +256,16 @@ def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[BarePath]
         connection, _ = listener.accept()
         stack.enter_context(connection)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        bare = BarePath(connection, delay_s)
-        stack.callback(bare.stop)
-        bare.start()
-        yield bare
+
+        def go_round(patience_s: float) -> bool:
+            connection.settimeout(patience_s)
+            try:
+                connection.sendall(bytes(STATUS_BYTES))
+                return bool(connection.recv(4096))
+            except TimeoutError:
+                return False
+
+        yield stack.enter_context(Floor(delay_s, LOST_S, go_round))
 
 
 def path() -> list[tuple[str, ...]]:

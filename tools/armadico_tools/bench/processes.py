@@ -1,20 +1,32 @@
-"""Processes that are measured one by one, and bare ones to compare with.
+"""What processes cost: to start, to import, and to keep while they drive; beside bare ones.
 
 A benchmark that is killed leaves none: agents are tied to it, the floor ends with its input.
 """
 
 from __future__ import annotations
 
+import json
+import queue
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-from armadico.launch.processes import end
+import psutil
+
+from armadico.config.scenarios import load_scenario, with_sensors
+from armadico.core.services import TOKEN
+from armadico.launch.local import Launcher
+from armadico.launch.processes import SIMULATOR, command_line, end
+from armadico.launch.society import Options
 from armadico.mesh import sockets
+from armadico_tools.bench.figures import Figure, figure
+from armadico_tools.testbed import Place
 
 FLOOR: Final = Path(__file__).with_name("floor.py")
 
@@ -55,3 +67,156 @@ def ready_floor(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
         if process.stdout.readline().strip() != b"ready":
             raise RuntimeError(f"the floor did not start: {process.args!r}")
         yield process
+
+
+# To begin -----------------------------------------------------------------------------------------
+
+HEAVY: Final = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich", "matplotlib")
+"""Packages that are slow to import, and not needed for --help."""
+
+SEEN_S: Final = 20.0
+"""Time limit for an agent's token."""
+
+COUNT: Final = """
+import contextlib, io, json, sys
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    {call}
+print(json.dumps(sorted(sys.modules)))
+"""
+
+
+def imports(quick: bool) -> list[Figure]:  # noqa: ARG001 - nothing to be quicker at
+    """Modules after `armadico --help` and `armadico-agent --help`."""
+    bare = _modules("pass")
+    calls = {
+        "imports-armadico": "from armadico.cli import main; main(['--help'])",
+        "imports-armadico-agent": "from armadico.cli.agent import main; main(['--help'])",
+    }
+    found = {name: _modules(call) for name, call in calls.items()}
+    heavy = {module.partition(".")[0] for each in found.values() for module in each} & set(HEAVY)
+    figures = [figure(name, "modules", [len(m)], [len(bare)]) for name, m in found.items()]
+    return [*figures, figure("imports-heavy", "modules", [len(heavy)])]
+
+
+def _modules(call: str) -> set[str]:
+    script = COUNT.format(call=call)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stdout))
+
+
+def start(quick: bool) -> list[Figure]:
+    """From starting the process to the token, the agent and the floor in turns."""
+    whole, bare = [], []
+    with Place("bench") as place, closing(place.mesh(router=True)) as mesh:
+        changes: queue.SimpleQueue[tuple[tuple[str, bool], float]] = queue.SimpleQueue()
+        mesh.watch_alive(
+            lambda name, _, there: changes.put(((name, there), time.monotonic()))  # on its thread
+        )
+        key = f"{place.namespace}/{TOKEN.format(name='floor', instance='floor-1')}"
+        agent = command_line(["agent", "goto", "--namespace", place.namespace], tied=True)
+        bare_python = floor("token", "-", sockets.endpoint(sockets.socket_of(place.namespace)), key)
+
+        def wait_for(wanted: tuple[str, bool]) -> float:
+            """When it was seen."""
+            while True:
+                try:
+                    change, at = changes.get(timeout=SEEN_S)
+                except queue.Empty:
+                    raise TimeoutError(f"{wanted[0]} was not seen within {SEEN_S:.0f} s") from None
+                if change == wanted:
+                    return at
+
+        def once(name: str, command: Sequence[str]) -> float:
+            began = time.monotonic()
+            with started(command):
+                seen = wait_for((name, True))
+            wait_for((name, False))
+            return seen - began
+
+        for _ in range(4 if quick else 12):
+            whole.append(once("goto", agent))
+            bare.append(once("floor", bare_python))
+    return [figure("start", "s", whole, bare)]
+
+
+# To drive -----------------------------------------------------------------------------------------
+
+SCENARIO: Final = "sc1"
+FROM_S: Final = 2.0
+"""When counting begins, after the mission; sc1 takes 18 s."""
+
+FLOORS: Final = 3
+"""Bare processes whose memory is the floor."""
+
+MEGA: Final = 1e6
+
+
+class Use(NamedTuple):
+    """What one process used: CPU time over wall time, and memory in MB."""
+
+    name: str
+    share: float
+    rss: float
+    uss: float
+
+
+def memory(quick: bool) -> list[Figure]:
+    """Of each agent process; p99 is the largest of them, nearly."""
+    agents = [use for use in drive(quick) if use.name != SIMULATOR]
+    bare = _bare_memory()
+    return [
+        figure("memory-rss", "MB", [a.rss for a in agents], [rss for rss, _ in bare]),
+        figure("memory-uss", "MB", [a.uss for a in agents], [uss for _, uss in bare]),
+    ]
+
+
+def cpu(quick: bool) -> list[Figure]:
+    """The agents together, the largest of them, and the simulator, which is no part of them."""
+    shares = {use.name: 100.0 * use.share for use in drive(quick)}
+    simulator = shares.pop(SIMULATOR)
+    return [
+        figure("cpu", "%", [sum(shares.values())]),
+        figure("cpu-largest", "%", [max(shares.values())]),
+        figure("cpu-simulator", "%", [simulator]),
+    ]
+
+
+@cache  # one drive does for all figures
+def drive(quick: bool) -> tuple[Use, ...]:
+    """What each process used while it drove."""
+    scenario = with_sensors(load_scenario(SCENARIO), "real")  # the whole society
+    with (
+        Place("bench") as place,
+        closing(place.mesh()) as mesh,
+        Launcher(scenario, Options(), mesh, place.namespace, tied=True) as launcher,
+    ):
+        launcher.start()
+        launcher.begin()
+        launcher.client.wait_for(lambda: False, FROM_S)
+        here = {p.name: psutil.Process(p.popen.pid) for p in launcher.processes}
+        before = {name: process.cpu_times() for name, process in here.items()}
+        since = time.monotonic()
+        launcher.client.wait_for(lambda: False, 5.0 if quick else 12.0)
+        wall = time.monotonic() - since
+        return tuple(_use(name, here[name], before[name], wall) for name in here)
+
+
+def _use(name: str, process: psutil.Process, before: Any, wall: float) -> Use:
+    now, size = process.cpu_times(), process.memory_full_info()
+    spent = now.user + now.system - before.user - before.system
+    return Use(name, spent / wall, size.rss / MEGA, size.uss / MEGA)
+
+
+def _bare_memory() -> list[tuple[float, float]]:
+    """Python with Zenoh open and nothing else, clients of a router: rss and uss, MB."""
+    sizes = []
+    with ExitStack() as stack:
+        socket = stack.enter_context(floor_socket())
+        stack.enter_context(ready_floor("token", socket, "-", "-"))
+        for _ in range(FLOORS):
+            process = stack.enter_context(ready_floor("token", "-", socket, "-"))
+            size = psutil.Process(process.pid).memory_full_info()
+            sizes.append((size.rss / MEGA, size.uss / MEGA))
+    return sizes

@@ -8,11 +8,11 @@ message in a namespace of its own, which a process answers that knows of no soci
 from __future__ import annotations
 
 import os
-import queue
 import sys
 import threading
 import time
 from contextlib import ExitStack
+from functools import partial
 from importlib.util import find_spec
 from typing import Final
 
@@ -30,8 +30,17 @@ from armadico.bridge.simulator.ros2_line import Ros2Line
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import SensorProfile
-from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.latency import CORRIDOR, LOST_S, WARM_UP, await_all, simulated, society
+from armadico_tools.bench.figures import Figure, figure
+from armadico_tools.bench.latency import (
+    CORRIDOR,
+    LOST_S,
+    WARM_UP,
+    Floor,
+    Stopwatch,
+    await_all,
+    simulated,
+    society,
+)
 from armadico_tools.bench.processes import started
 
 ROBOT: Final = "jackal"
@@ -42,9 +51,6 @@ FLOOR: Final = f"ros2://bench_floor?domain={DOMAIN}&interface=lo"
 HALF_S: Final = 0.05
 """From the society's turn to the floor's."""
 
-SETTLE_S: Final = 0.05
-"""How often an odometry message is said until the floor's process answers for the first time."""
-
 
 def profile() -> Ros2Robot:
     """The robot, with odometry at the society's pace: so each one of it makes a cycle."""
@@ -52,107 +58,55 @@ def profile() -> Ros2Robot:
     return replace(jackal, ros2=replace(jackal.ros2, odom_hz=1.0 / jackal.ros2.cycle_s))
 
 
-class Stopwatch:
-    """The robot's end of the line, with the time of what goes out and of what comes back."""
-
-    def __init__(self, line: Ros2Line, robot: Ros2Robot, bare: BarePath) -> None:
-        self.latencies: list[float] = []  # s
-        self._line, self._bare = line, bare
-        self._odom, self._command = robot.ros2.odom.name, robot.ros2.cmd_vel.name
-        self._sent_at: float | None = None
-        self._out, self._in = Decoder(), Decoder()
-
-    def hang_up(self) -> bool:
-        return self._line.hang_up()
-
-    def write(self, data: bytes) -> None:
-        """Odometry goes out: the watch starts."""
-        odometry = any(topic == self._odom for topic, _ in self._out.feed(data))
-        if odometry:
-            self._sent_at = time.perf_counter()
-        self._line.write(data)
-        if odometry:
-            self._bare.turn()
-
-    def read(self, timeout_s: float) -> bytes:
-        """A command comes in: it stops."""
-        data = self._line.read(timeout_s)
-        now = time.perf_counter()
-        heard = any(topic == self._command for topic, _ in self._in.feed(data))
-        if heard and self._sent_at is not None:
-            if now - self._sent_at < LOST_S:
-                self.latencies.append(now - self._sent_at)
-            self._sent_at = None
-        return data
-
-
-class BarePath:
-    """The floor: a thread that says odometry half a cycle after `turn`, and waits for a command."""
+class OdometryFloor:
+    """The robot's end of the floor: odometry goes out, and a process answers it."""
 
     def __init__(self, robot: Ros2Robot) -> None:
-        self.latencies: list[float] = []  # s
-        self._odom, self._command = robot.ros2.odom.name, robot.ros2.cmd_vel.name
+        self._command = robot.ros2.cmd_vel.name
         self._transport = robot_transport(FLOOR, "bench_floor")
         self._transport.open()
         self._transport.want([replace(each, writes=not each.writes) for each in _ends(robot)])
-        self._said = frame(self._odom, encode(types.Odometry()))
+        self._odometry = frame(robot.ros2.odom.name, encode(types.Odometry()))
         self._decoder = Decoder()
-        self._turns: queue.SimpleQueue[bool] = queue.SimpleQueue()
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="floor", daemon=True)
+        self.close = self._transport.close
 
-    def turn(self) -> None:
-        """Start a round: odometry went out elsewhere."""
-        self._turns.put(True)
-
-    def start(self) -> None:
-        """Begin, once the process at the other end answers; `await_all` bounds the wait."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread, and leave."""
-        self._over.set()
-        self._turns.put(False)
-        self._thread.join()
-        self._transport.close()
-
-    def _run(self) -> None:
-        while not (self._over.is_set() or self._round(SETTLE_S)):
-            pass
-        while self._turns.get() and not self._over.wait(HALF_S):
-            sent_at = time.perf_counter()
-            if self._round(LOST_S - HALF_S):
-                self.latencies.append(time.perf_counter() - sent_at)
-
-    def _round(self, patience_s: float) -> bool:
-        self._transport.write(self._said)
+    def go_round(self, patience_s: float) -> bool:
+        """Send odometry; whether the command came in time."""
+        self._transport.write(self._odometry)
         end = time.perf_counter() + patience_s
         while (left := end - time.perf_counter()) > 0.0:
-            if any(t == self._command for t, _ in self._decoder.feed(self._transport.read(left))):
+            if _has(self._decoder, self._command, self._transport.read(left)):
                 return True
         return False
 
 
-def odom_to_command(quick: bool, tell: Tell) -> list[Figure]:
+def _has(decoder: Decoder, topic: str, data: bytes) -> bool:
+    return topic in [each for each, _ in decoder.feed(data)]
+
+
+def odom_to_command(quick: bool) -> list[Figure]:
     """The society and the floor in turns, ten times a second each."""
     if find_spec("cyclonedds") is None:
         sys.stderr.write(f"odom-to-command is left out: {EXTRA}\n")
         return []
-    wanted = WARM_UP + (80 if quick else 500)
     with ExitStack() as stack:
         robot = profile()
-        bare = BarePath(robot)
+        bare = OdometryFloor(robot)
+        stack.callback(bare.close)
         stack.enter_context(started([sys.executable, "-P", "-m", __name__]))
-        stack.callback(bare.stop)
-        bare.start()
+        floor = stack.enter_context(Floor(HALF_S, LOST_S - HALF_S, bare.go_round))
         line = Ros2Line(robot_transport(ADDRESS, "bench"), robot.ros2)
         stack.callback(line.close)
-        watch = Stopwatch(line, robot, bare)
+        watch = Stopwatch(
+            line,
+            partial(_has, Decoder(), robot.ros2.odom.name),
+            partial(_has, Decoder(), robot.ros2.cmd_vel.name),
+            [floor],
+        )
         stack.enter_context(simulated(_robot(robot), watch))
         stack.enter_context(society(ADDRESS, (), ROBOT, AGENTS))
-        taken = [watch.latencies, bare.latencies]
-        await_all(taken, wanted, tell)
-        whole, bare_ms = [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
+        wanted = WARM_UP + (80 if quick else 500)
+        whole, bare_ms = await_all([watch.latencies, floor.latencies], wanted)
     return [figure("odom-to-command", "ms", whole, bare_ms)]
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -33,17 +31,21 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     chosen = _chosen(args.names)
     if args.list:
-        _list(chosen, as_json=args.json)
+        for benchmark in chosen:
+            print(f"{benchmark.name:<25}{benchmark.summary}")
+            for key in ("floor", "aim"):
+                if getattr(benchmark, key):
+                    print(f"{'':<25}{key}: {getattr(benchmark, key)}")
         return 0
     figures: list[Figure] = []
     failed: list[str] = []
     try:
-        with _progress(len(chosen)) as next_one:
-            for benchmark in chosen:
-                try:
-                    figures += benchmark.measure(args.quick, next_one(benchmark.name))
-                except (RuntimeError, OSError, ValueError) as error:
-                    failed.append(f"{benchmark.name}: {error}")
+        for benchmark in chosen:
+            options.say(f"measuring {benchmark.name}")
+            try:
+                figures += benchmark.measure(args.quick)
+            except (RuntimeError, OSError, ValueError) as error:
+                failed.append(f"{benchmark.name}: {error}")
     finally:  # a run takes minutes: what it has measured is shown, however it ends
         if args.json:
             print(json.dumps([dataclasses.asdict(figure) for figure in figures], indent=2))
@@ -78,52 +80,6 @@ def _chosen(names: Sequence[str]) -> list[Benchmark]:
         if name not in known:
             raise UsageError(f"no benchmark {name!r}; there are: {', '.join(known)}")
     return [b for b in BENCHMARKS if not names or b.name in names]
-
-
-def _list(benchmarks: Sequence[Benchmark], *, as_json: bool) -> None:
-    keys = ("name", "summary", "floor", "aim")
-    if as_json:
-        rows = [{key: getattr(b, key) for key in keys} for b in benchmarks]
-        print(json.dumps(rows, indent=2))
-        return
-    for benchmark in benchmarks:
-        print(f"{benchmark.name:<25}{benchmark.summary}")
-        for key in keys[2:]:
-            if getattr(benchmark, key):
-                print(f"{'':<25}{key}: {getattr(benchmark, key)}")
-
-
-# Progress -----------------------------------------------------------------------------------------
-
-
-@contextmanager
-def _progress(count: int) -> Iterator[Callable[[str], Callable[[float], None]]]:
-    """A bar on a terminal, a line for each benchmark elsewhere; on stderr."""
-    if not sys.stderr.isatty():
-        yield _say
-        return
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.progress import Progress  # noqa: PLC0415 - not for --help
-
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=count)
-        begun = 0
-
-        def next_one(name: str) -> Callable[[float], None]:
-            nonlocal begun
-            before, begun = begun, begun + 1
-            progress.update(task, description=name, completed=before)
-            return lambda share: progress.update(task, completed=before + share)
-
-        yield next_one
-
-
-def _say(name: str) -> Callable[[float], None]:
-    print(f"measuring {name}", file=sys.stderr, flush=True)
-    return lambda _share: None
-
-
-# What came of it ----------------------------------------------------------------------------------
 
 
 def _show(figures: Sequence[Figure]) -> None:

@@ -169,7 +169,6 @@ def outcome(samples: Sequence[Sample], ways: Sequence[float]) -> dict[str, objec
 
 
 def table(found: dict[str, list[Sample]], ways: Sequence[float]) -> str:
-    """Measures down, drivers across."""
     arms = list(found.values())
     spans = [sorted(ratios(arm, ways)) for arm in arms]
     clear = [[s.min_clearance_m for s in arm if s.min_clearance_m is not None] for arm in arms]

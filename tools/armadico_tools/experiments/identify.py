@@ -7,7 +7,7 @@ Every trial is estimated twice: by the thesis's least squares (4.31), and with i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import sqrt
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any, Final
@@ -22,14 +22,13 @@ from armadico.config.loading import find, load
 from armadico_tools.identification import (
     ANGULAR,
     LINEAR,
-    Estimate,
+    METHODS,
     Friction,
     Interval,
     Motion,
     autocorrelation,
     force,
     instrumental,
-    least_squares,
     physical,
     response,
     truth,
@@ -154,12 +153,6 @@ def record(
     )
 
 
-METHODS: Final[tuple[tuple[str, Callable[..., Estimate]], ...]] = (
-    ("least squares", least_squares),
-    ("instruments", instrumental),
-)
-
-
 class Found(Struct, frozen=True):
     """What one method made of one trial with one seed."""
 
@@ -181,7 +174,7 @@ def measure(case: tuple[Trial, int]) -> list[Found]:
             name,
             physical(method(log, robot, trial.motion, coupled=trial.coupled), robot),
         )
-        for name, method in METHODS
+        for name, method in METHODS.items()
     ]
 
 
@@ -200,7 +193,7 @@ def summary(trials: Sequence[Trial], found: Sequence[Found], true: dict[str, flo
     for trial in trials:
         for name in trial.motion.gives:
             printed = THESIS[trial.name.split()[0]][name]
-            for method, _ in METHODS:
+            for method in reversed(METHODS):
                 mine = [
                     one.values[name]
                     for one in found

@@ -88,7 +88,6 @@ class Puppet(Agent):
         return Plan((request.goal,), length, length * JOULES_A_M)
 
     def on_mission_request(self, question: Question) -> MissionReply:
-        """Go, at once."""
         request = question.request
         assert isinstance(request, MissionRequest)
         if self.dumb:

@@ -55,7 +55,6 @@ class JoiningRun:
 
     @property
     def cost(self) -> int:
-        """How much goes otherwise."""
         return sum(not what.endswith("begins") for what in self.picks)
 
 

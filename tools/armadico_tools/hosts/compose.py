@@ -1,7 +1,8 @@
-"""The demo's hosts as containers of Docker Compose: `make demo`.
+"""The demo of several hosts, as containers of Docker Compose: `make demo`.
 
-A host is a service of deploy/compose.yaml. Everything that is to be seen is seen from inside:
-whatever the engine runs on, this machine may have no way to the containers' network.
+One host is lost in the middle of a run, and comes back. A host is a service of deploy/compose.yaml.
+Everything that is shown is seen from inside: the containers' network may not be reachable from this
+machine.
 """
 
 from __future__ import annotations
@@ -17,17 +18,29 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Protocol, Self
 
 from armadico.cli.options import FailedError, end_as_by_ctrl_c, guarded
 from armadico.config.hosts import load_hosts
-from armadico_tools.hosts.demo import demo
+from armadico.launch.processes import end
+from armadico_tools.testbed import TABLE
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
 """What describes the containers; `COMPOSE_FILE` in the environment names others."""
 
 IMAGE: Final = "armadico"
 """What the compose file calls the image of all hosts."""
+
+LOST: Final = "lab2"
+"""The host that is lost: that of the behaviours."""
+
+SEAT: Final = "lab3"
+"""The host from which the robot is sent on its way; it has the product and nothing else."""
+
+DRIVES: Final = ("armadico", "run")
+
+AWAY_S: Final = 4.0
+"""How long the lost host stays away."""
 
 START_S: Final = 90
 """What the containers may take until all are healthy."""
@@ -41,6 +54,47 @@ EXAMPLES: Final = """\
 """
 
 
+class Hosts(Protocol):
+    """Machines, real or not, of the demo's host table."""
+
+    names: tuple[str, ...]
+
+    def start(self, host: str) -> None:
+        """Have a host run its share of the society; it may return before that is up."""
+
+    def stop(self, host: str) -> None:
+        """Take a host away at once."""
+
+    def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
+        """Run a command on a host; its output is piped, as text."""
+
+
+def demo(hosts: Hosts, scenario: str, say: Callable[[str], None]) -> int:
+    """Drive, lose a host once one of its agents drives, start it again; the run's exit code."""
+    for host in hosts.names:
+        hosts.start(host)
+    mine = [f", {name} drives" for name in load_hosts(TABLE).hosts[LOST].agents]
+    words = (*DRIVES, scenario, "--attach", "--no-plot", "--host", SEAT, "--hosts", TABLE)
+    run = hosts.popen(SEAT, words, stderr=subprocess.STDOUT)
+    assert run.stdout is not None, "it is piped"
+    back_at: float | None = None
+    lost = False
+    try:
+        for line in run.stdout:
+            say(line.rstrip())
+            if not lost and any(text in line for text in mine):
+                say(f"{LOST} is stopped")
+                hosts.stop(LOST)
+                lost, back_at = True, time.monotonic() + AWAY_S
+            elif back_at is not None and time.monotonic() > back_at:
+                say(f"{LOST} is started again")
+                hosts.start(LOST)
+                back_at = None
+        return run.wait()
+    finally:
+        end(run)
+
+
 class ComposeHosts:
     """The services of one compose file; a context manager that takes them down again."""
 
@@ -51,7 +105,7 @@ class ComposeHosts:
             scenario: What each host's share is a share of.
             say: Called with what is being done, and how long it took.
         """
-        self.names: tuple[str, ...] = tuple(load_hosts("demo").hosts)
+        self.names: tuple[str, ...] = tuple(load_hosts(TABLE).hosts)
         self._say = say
         self._environment = {"COMPOSE_FILE": str(FILE), **os.environ, "SCENARIO": scenario}
 
@@ -84,7 +138,7 @@ class ComposeHosts:
         """End everything in a host's container at once, as if the plug was pulled."""
         self._do("kill", host)
 
-    def popen(self, host: str, argv: Sequence[str]) -> subprocess.Popen[str]:
+    def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
         """Start a command in a host's container; what it prints is piped.
 
         Ending what is returned ends only this side of it; the rest goes with the container.
@@ -97,6 +151,7 @@ class ComposeHosts:
             text=True,
             bufsize=1,
             start_new_session=True,  # Ctrl-C is the demo's, which takes it down
+            **options,
         )
 
     def down(self) -> None:
@@ -133,7 +188,6 @@ class _Client(subprocess.Popen[str]):
         self.kill()
 
     def kill(self) -> None:
-        """End both of them."""
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 

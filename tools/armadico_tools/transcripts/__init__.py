@@ -1,6 +1,7 @@
-"""What a small society publishes, message by message, as files to check any agent against.
+"""Check an agent, in any language, against files: no mesh, no clock and no robot are needed.
 
-`docs/transcripts/*.jsonl` are written by the virtual mesh from a fixed seed. Each has all that its
-agents received, when, and all that they published. So whoever writes an agent, in whatever
-language, gives it the one and compares the other: no mesh, no clock and no robot are needed.
+`docs/transcripts/*.jsonl` were recorded on the virtual mesh with protocol 2. Each has all that the
+agents of a scene received, when, and all that they published. They are fixtures, as recordings of
+other clients are: an agent that decides otherwise breaks them, and so does another protocol. The
+program that recorded them is in the history, at 266daee4.
 """

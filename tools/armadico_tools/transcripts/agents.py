@@ -67,11 +67,10 @@ class Part(Struct, frozen=True, omit_defaults=True):
 
 
 class Judge(Agent):
-    """An owner whose resource does at once what is asked, and that keeps its last verdict."""
+    """An owner whose resource does at once what is asked."""
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self.verdict: Verdict | None = None
         self.does = {resource.name: resource.neutral for resource in self.owns}
         for resource in self.owns:
             self._overhear(self.owner(resource))
@@ -86,9 +85,8 @@ class Judge(Agent):
 
         vars(owner)["judge"] = judged
 
-    def judged(self, command: Command, verdict: Verdict) -> None:  # noqa: ARG002 - others keep it
-        """Keep the verdict on a command."""
-        self.verdict = verdict
+    def judged(self, command: Command, verdict: Verdict) -> None:
+        """A hook for the verdict on each command."""
 
     def obey(self, resource: Resource, action: Any) -> None:
         """The action is reached at once."""
@@ -123,11 +121,9 @@ class Driven(Judge):
 
     @classmethod
     def subscriptions(cls) -> tuple[Subscription, ...]:
-        """All but its own."""
         return tuple(s for s in super().subscriptions() if s.message not in cls.provides)
 
     def on_start(self) -> None:
-        """The first cycle."""
         self.on_wakeup()
 
     def on_wakeup(self) -> None:

@@ -32,14 +32,12 @@ RESERVED: Final = frozenset({"number", "text", "time", "any", "bytes", "float", 
 
 
 def schema() -> str:
-    """All messages."""
     kinds = message_types()
     first = "message = " + " /\n    ".join(kind.__name__ for kind in kinds)
     return HEAD + "\n\n".join([first, *(rule(kind) for kind in kinds)]) + "\n"
 
 
 def rule(kind: type[Message]) -> str:
-    """One message."""
     info = types.type_info(kind)
     assert isinstance(info, types.StructType), f"{kind.__name__} is a struct"
     lines = [
@@ -51,7 +49,6 @@ def rule(kind: type[Message]) -> str:
 
 
 def text(info: types.Type) -> str:
-    """A type."""
     match info:
         case types.UnionType(types=members):
             return " / ".join(text(member) for member in members)

@@ -1,21 +1,42 @@
 """One agent's side of a transcript: given all that it received, what does it publish?
 
-Ours is replayed by the real driver. Whoever has another agent gives it `inputs`, and has what it
-published compared by `difference`.
+Ours is replayed by the real driver. An implementer of another agent gives it `inputs`, and has what
+it published compared by `difference_of`.
+
+A line of a file is a JSON object. Times are s from the beginning of the scene, to the microsecond.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from math import ceil
-from typing import Final
+from typing import Any, Final
 
-from armadico.core.agent import AskFor
-from armadico.core.driver import Driver
-from armadico.core.messages import Latched, Message, MessageError, decode
-from armadico.core.services import matches
-from armadico_tools.transcripts.agents import agent_of
-from armadico_tools.transcripts.tape import KINDS, ROUTER, Line, Transcript, fields_of, uttered
+import msgspec
+
+from armadico.core.agent import AskFor, Publish
+from armadico.core.driver import Announce, Driver, Output, Reply
+from armadico.core.messages import (
+    Latched,
+    Log,
+    Message,
+    MessageError,
+    checked,
+    decode,
+    encode,
+    plain,
+)
+from armadico.core.services import matches, message_types
+from armadico_tools.transcripts.agents import Part, agent_of
+
+Line = dict[str, Any]
+
+KINDS: Final = {kind.__name__: kind for kind in message_types()}
+"""Every message, by its name."""
+
+ROUTER: Final = {True: "finds the router", False: "loses the router"}
+"""Changes of an agent's link to the robot's router."""
 
 EXACT: Final = 2e-6
 """Tolerance for the times of our own agent's messages, s: rounding."""
@@ -28,6 +49,55 @@ BURST: Final = 0.001
 
 LIFE: Final = ("starts", "hangs", "returns", "is killed", "leaves")
 SENT: Final = ("publishes", "asks", "replies", "appears")
+
+
+class Transcript(msgspec.Struct, frozen=True):
+    """A file: what it is about, and what happened."""
+
+    scene: str
+    about: str
+    seed: int
+    ends: float  # s; nothing is compared after it
+    agents: tuple[Part, ...]
+    lines: tuple[Line, ...] = ()
+
+    def part(self, label: str) -> Part:
+        """One of its processes. Raises KeyError if there is none of that label."""
+        return {part.label: part for part in self.agents}[label]
+
+
+def read(text: str) -> Transcript:
+    """A file's content. Raises msgspec.ValidationError if it is none."""
+    head, *lines = map(json.loads, text.splitlines())
+    return msgspec.convert({**head, "lines": lines}, Transcript)
+
+
+def fields_of(message: Message) -> Any:
+    """A message's fields by their names, as JSON has them."""
+    return json.loads(json.dumps(plain(message)))
+
+
+def uttered(item: Output, label: str, t: float) -> Line | None:
+    """The line of something that an agent sends; None for a log, whose text is free."""
+    line: Line = {"t": round(t, 6), "from": label}
+    if isinstance(item, Publish):
+        if isinstance(item.message, Log):
+            return None
+        return {**line, "what": "publishes", "key": item.key, **_described(item.message)}
+    if isinstance(item, AskFor):
+        return {**line, "what": "asks", "key": item.key, **_described(item.request)}
+    if isinstance(item, Reply):
+        return {**line, "what": "replies", "key": item.key, **_described(item.message)}
+    return {**line, "what": "appears"} if isinstance(item, Announce) else None
+
+
+def _described(message: Message) -> Line:
+    message = checked(message)
+    return {
+        "type": type(message).__name__,
+        "fields": fields_of(message),
+        "cbor": encode(message).hex(),
+    }
 
 
 def inputs(transcript: Transcript, label: str) -> list[Line]:
@@ -45,7 +115,6 @@ def inputs(transcript: Transcript, label: str) -> list[Line]:
 
 
 def outputs(transcript: Transcript, label: str) -> list[Line]:
-    """All that it sends."""
     return [x for x in transcript.lines if x["from"] == label and x["what"] in SENT]
 
 

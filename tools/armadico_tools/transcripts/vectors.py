@@ -28,7 +28,7 @@ from armadico.core.messages import (
 )
 from armadico.mobile.messages import Pose, Scan
 from armadico.mobile.obstacles import Obstacles
-from armadico_tools.transcripts.tape import fields_of
+from armadico_tools.transcripts.replay import fields_of
 
 
 class Vector(Struct, frozen=True):
