@@ -63,9 +63,10 @@ def main(argv: Sequence[str]) -> int:
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
-            from armadico.agents.fleet import command as fleet  # noqa: PLC0415 - not for --help
+            from armadico.config.discovery import RUNS, find  # noqa: PLC0415 - not for --help
 
-            return fleet.drive(args, scenario, chosen)
+            code: int = find(RUNS, "tasks").load()(args, scenario, chosen)
+            return code
         for option, given in ("--replace", args.replace), (f"--robots {args.robots}", args.robots):
             if given not in (None, False):
                 raise UsageError(f"{option}: {scenario.name} has no tasks for a fleet")

@@ -38,6 +38,12 @@ MISSIONS: Final = "armadico.missions"
 ERRANDS: Final = "armadico.errands"
 """By the plan of a scenario, what orders it."""
 
+MACHINES: Final = "armadico.machines"
+"""What keeps a host's share of a society up; "virtual": on the virtual mesh."""
+
+RUNS: Final = "armadico.runs"
+"""By a field of a scenario, what drives one that has it."""
+
 GUESTS: Final = "armadico.guests"
 """What takes part in a run besides the agents, as the alarms of a building."""
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from dataclasses import replace as alike
 from itertools import count
 from random import Random
+from typing import Protocol
 
 from msgspec.structs import replace
 
-from armadico.agents.supervision.wakeup import Do, Event, Parameters, Wakeup, lines, orders
-from armadico.config.discovery import agent_class, owners
+from armadico.config.discovery import MACHINES, agent_class, find, owners
 from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.profile import load_kind, load_profile
@@ -19,7 +20,6 @@ from armadico.config.scenarios import Scenario
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Log, Message
 from armadico.core.resources import WHEELS
-from armadico.core.restart_policy import MISUSED
 from armadico.launch.run import Run
 from armadico.launch.society import (
     VIRTUAL,
@@ -42,14 +42,40 @@ SETTLE_S = 1.0
 """What the handshake with the controller and the first cycles take, on the virtual clock."""
 
 
-START_S = 0.8
-"""What a process that is started again takes until it looks around for the others."""
+@dataclass(frozen=True)
+class Share:
+    """What one host of a table is to start, and may start.
 
-LOOK_S = 0.05
-"""How often a host's machine looks who has ended, as `launch.supervisor` does."""
+    Attributes:
+        host: What the host is called.
+        processes: The agents of each process, by its label.
+        can: Agents that it could start in place of another host.
+        needs: Agents that the society cannot do without.
+        router: The robot agent, if it is to be up on this host; empty: it is not.
+    """
 
-KILLED = -9
-"""The code of a process that was killed."""
+    host: str
+    processes: dict[str, tuple[Member, ...]]
+    can: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+    router: str = ""
+
+
+class Machine(Device, Protocol):
+    """A host on the virtual mesh that starts its share, and again what has ended.
+
+    What does that is found by its entry point in the group `armadico.machines`.
+    """
+
+    wakeup: Node
+    notes: list[str]
+    """What its agent has reported, for people."""
+
+    def lose(self) -> None:
+        """All of it is gone in one moment."""
+
+    def leave(self) -> None:
+        """It goes down in order."""
 
 
 class Rehearsal(Run):
@@ -91,7 +117,7 @@ class Rehearsal(Run):
         taking = members(scenario, options, "memory:")
         self._members = {m.name: m for m in taking}
         self._pids = count(1)
-        self.hosts: dict[str, VirtualHost] = {}
+        self.hosts: dict[str, Machine] = {}
         for member in taking if hosts is None else ():
             self.enter(member.name)
         self._table = hosts
@@ -109,13 +135,17 @@ class Rehearsal(Run):
         self,
         kind: type[Agent],
         parameters: object = None,
-        start: int = 0,
+        start: int | None = None,
         *,
         host: str = "virtual",
         device: Device | None = None,
         waits: bool = True,
     ) -> Node:
-        """An agent joins, now, as the `start`-th instance; a device agent's is the robot's line."""
+        """An agent joins, now, as the `start`-th instance or the next one.
+
+        A device agent's device is the robot's line unless it is given.
+        """
+        start = self._starts[kind.name] if start is None else start
         identity = self.mesh.identity(kind.name, start, self.namespace)
         who = alike(identity, host=host, pid=next(self._pids))
         with blaming(kind):
@@ -135,7 +165,7 @@ class Rehearsal(Run):
     def _publish(self, message: Message) -> None:
         self.mesh.publish(message, namespace=self.namespace)
 
-    def start_host(self, name: str) -> VirtualHost:
+    def start_host(self, name: str) -> Machine:
         """One machine of the host table is switched on: its share joins, and its wakeup agent."""
         table = self._table
         assert table is not None, "it is one of its hosts"
@@ -144,17 +174,14 @@ class Rehearsal(Run):
         taking = share(scenario, options, replace(entry, robot="memory:"))
         lent = spare(scenario, options, entry, table)
         self._members |= {member.name: member for member in (*taking, *lent)}
-        machine = VirtualHost(self, name, processes(taking, entry.together))
-        parameters = Parameters(
-            host=name,
-            processes={label: tuple(m.name for m in g) for label, g in machine.groups.items()},
+        share_of_host = Share(
+            name,
+            processes(taking, entry.together),
             can=tuple(member.name for member in lent),
             needs=needed(scenario, options, table),
             router=next(owners((m.name for m in taking), WHEELS), ""),
         )
-        start = self._starts[Wakeup.name]
-        # It starts the robot agent, and waits for none.
-        machine.wakeup = self.add(Wakeup, parameters, start, host=name, device=machine, waits=False)
+        machine: Machine = find(MACHINES, "virtual").load()(self, share_of_host)
         self.hosts[name] = machine
         return machine
 
@@ -174,87 +201,3 @@ class Rehearsal(Run):
     def wait(self, seconds: float) -> None:
         """See `Run`. It is done at once: the guest hears of it later, over the network."""
         self.mesh.run(self.mesh.now + seconds, lambda: self.watch.done)
-
-
-class VirtualHost:
-    """A machine on the virtual mesh: the device of its wakeup agent, and the agents' processes."""
-
-    wakeup: Node
-
-    def __init__(self, run: Rehearsal, name: str, groups: dict[str, tuple[Member, ...]]) -> None:
-        """All of its processes begin, now.
-
-        Args:
-            run: Whose it is.
-            name: What it is called.
-            groups: The agents of each process, by its label.
-        """
-        self.groups = groups
-        self.said: list[str] = []  # by the wakeup agent, for people
-        self.due = run.mesh.now
-        self._run = run
-        self._name = name
-        self._nodes: dict[str, list[Node]] = {}
-        self._starts: dict[str, float] = {}  # when who is started comes to its beginning, s
-        self._events: list[Event] = []
-        for label in groups:
-            self._begin(label)
-
-    def receive(self, data: bytes, now: float) -> None:
-        for order in orders(data):
-            match order.do:
-                case Do.START:
-                    self._starts[order.label] = now + START_S
-                case Do.KILL:
-                    self._end(order.label, Node.kill)
-                case Do.END:
-                    self._end(order.label, Node.leave)
-                case Do.GIVE_UP:
-                    self.said.append(order.text)
-                    self.lose()
-                case Do.SAY:
-                    self.said.append(order.text)
-
-    def advance(self, now: float) -> bytes:
-        """See `Device`: who began, and who has ended."""
-        self.due = now + LOOK_S
-        for label in [label for label, at in self._starts.items() if at <= now]:
-            del self._starts[label]
-            if self.wakeup.alive:  # a process is tied to the one that starts it
-                self._begin(label)
-        for label, nodes in list(self._nodes.items()):
-            gone = next((node for node in nodes if not node.alive), None)
-            if gone is None:
-                continue
-            del self._nodes[label]
-            for node in nodes:
-                if node.alive:
-                    node.kill()
-            refusal = gone.driver.refusal
-            code, how = (MISUSED, "status 2") if refusal else (KILLED, "signal SIGKILL")
-            self._events.append(Event(label, 0, how, code, refusal))
-        said, self._events = self._events, []
-        return b"".join(map(lines, said))
-
-    def lose(self) -> None:
-        """All of it is gone in one moment."""
-        self._starts.clear()
-        for node in (*(node for nodes in self._nodes.values() for node in nodes), self.wakeup):
-            if node.alive:
-                node.kill()
-
-    def leave(self) -> None:
-        """`armadico down`: it says so, and ends its agents in order."""
-        self.wakeup.leave()
-        for label in self._nodes:
-            self._end(label, Node.leave)
-
-    def _begin(self, label: str) -> None:
-        names = [member.name for member in self.groups.get(label, ())] or [label]
-        self._nodes[label] = nodes = [self._run.enter(name, host=self._name) for name in names]
-        self._events.append(Event(label, nodes[0].agent.identity.pid))
-
-    def _end(self, label: str, how: Callable[[Node], None]) -> None:
-        for node in self._nodes.get(label, ()):
-            if node.alive:
-                how(node)

@@ -62,7 +62,7 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 
 RUNS = {
     *("command", "explore_command", "run", "live_fleet", "local_fleet", "attached_fleet", "view"),
-    *("up", "down", "supervisor", "mcp_answers", "mcp_lines", "mcp_server"),
+    *("up", "down", "supervisor", "virtual_host", "mcp_answers", "mcp_lines", "mcp_server"),
 }
 """The modules of a wing that are no agent and no method: its commands, runs and views."""
 
@@ -125,7 +125,6 @@ ZENOH = {"armadico.mesh.zenoh", "armadico.bridge.ros2.rmw_zenoh"}
 
 
 TIED = {
-    *("armadico.cli.run", "armadico.launch.virtual"),
     *(
         "armadico.gateways.page.asked",
         "armadico.gateways.page.known",
@@ -145,7 +144,7 @@ def of(package: str) -> list[str]:
         for name in modules()
         if within(name, package)
         and name not in apart
-        and not any(within(name, other) for other in others)
+        and not any(within(name, other) for other in (*others, *apart) if other != package)
     ]
 
 

@@ -94,7 +94,7 @@ class Society(Driven):
         return dict(Counter(node.name for node in self.mesh.nodes) - self.begun)
 
     def hosts_say(self) -> list[str]:
-        return [text for host in self.run.hosts.values() for text in host.said]
+        return [text for host in self.run.hosts.values() for text in host.notes]
 
     def arrives(self) -> bool:
         end = self.mesh.now + 120.0

@@ -100,7 +100,7 @@ def lose(scenario: str, last_s: float, seed: int) -> Loss:
     ended = run.run().passed
     mesh.run(max(mesh.now, at + AFTER_S))
     more = Counter(node.name for node in mesh.nodes) - begun
-    said = tuple(text for host in run.hosts.values() for text in host.said)
+    said = tuple(text for host in run.hosts.values() for text in host.notes)
     return Loss(
         seed,
         agent,

@@ -1,0 +1,110 @@
+"""A host on the virtual mesh: its wakeup agent, and the processes that it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from armadico.agents.supervision.wakeup import Do, Event, Parameters, Wakeup, lines, orders
+from armadico.core.restart_policy import MISUSED
+from armadico.launch.virtual import Rehearsal, Share
+from armadico.mesh.virtual import Node
+
+START_S = 0.8
+"""What a process that is started again takes until it looks around for the others."""
+
+LOOK_S = 0.05
+"""How often a host's machine looks who has ended, as `launch.supervisor` does."""
+
+KILLED = -9
+"""The code of a process that was killed."""
+
+
+class VirtualHost:
+    """A machine on the virtual mesh: the device of its wakeup agent, and the agents' processes."""
+
+    def __init__(self, run: Rehearsal, share: Share) -> None:
+        """All of its processes begin, now.
+
+        Args:
+            run: The run that it takes part in.
+            share: What it starts.
+        """
+        name, groups = share.host, share.processes
+        self.groups = groups
+        self.notes: list[str] = []  # by the wakeup agent, for people
+        self.due = run.mesh.now
+        self._run = run
+        self._name = name
+        self._nodes: dict[str, list[Node]] = {}
+        self._starts: dict[str, float] = {}  # when who is started comes to its beginning, s
+        self._events: list[Event] = []
+        for label in groups:
+            self._begin(label)
+        parameters = Parameters(
+            host=name,
+            processes={label: tuple(m.name for m in g) for label, g in groups.items()},
+            can=share.can,
+            needs=share.needs,
+            router=share.router,
+        )
+        # It starts the robot agent, and waits for none.
+        self.wakeup = run.add(Wakeup, parameters, host=name, device=self, waits=False)
+
+    def receive(self, data: bytes, now: float) -> None:
+        for order in orders(data):
+            match order.do:
+                case Do.START:
+                    self._starts[order.label] = now + START_S
+                case Do.KILL:
+                    self._end(order.label, Node.kill)
+                case Do.END:
+                    self._end(order.label, Node.leave)
+                case Do.GIVE_UP:
+                    self.notes.append(order.text)
+                    self.lose()
+                case Do.SAY:
+                    self.notes.append(order.text)
+
+    def advance(self, now: float) -> bytes:
+        """See `Device`: who began, and who has ended."""
+        self.due = now + LOOK_S
+        for label in [label for label, at in self._starts.items() if at <= now]:
+            del self._starts[label]
+            if self.wakeup.alive:  # a process is tied to the one that starts it
+                self._begin(label)
+        for label, nodes in list(self._nodes.items()):
+            gone = next((node for node in nodes if not node.alive), None)
+            if gone is None:
+                continue
+            del self._nodes[label]
+            for node in nodes:
+                if node.alive:
+                    node.kill()
+            refusal = gone.driver.refusal
+            code, how = (MISUSED, "status 2") if refusal else (KILLED, "signal SIGKILL")
+            self._events.append(Event(label, 0, how, code, refusal))
+        said, self._events = self._events, []
+        return b"".join(map(lines, said))
+
+    def lose(self) -> None:
+        """All of it is gone in one moment."""
+        self._starts.clear()
+        for node in (*(node for nodes in self._nodes.values() for node in nodes), self.wakeup):
+            if node.alive:
+                node.kill()
+
+    def leave(self) -> None:
+        """`armadico down`: it says so, and ends its agents in order."""
+        self.wakeup.leave()
+        for label in self._nodes:
+            self._end(label, Node.leave)
+
+    def _begin(self, label: str) -> None:
+        names = [member.name for member in self.groups.get(label, ())] or [label]
+        self._nodes[label] = nodes = [self._run.enter(name, host=self._name) for name in names]
+        self._events.append(Event(label, nodes[0].agent.identity.pid))
+
+    def _end(self, label: str, how: Callable[[Node], None]) -> None:
+        for node in self._nodes.get(label, ()):
+            if node.alive:
+                how(node)
