@@ -159,6 +159,7 @@ def register(service: Service) -> Service:
     if known is None:
         _rows.append(service)
         derived.cache_clear()
+        _row_at.cache_clear()
     _by_message[service.message] = service
     return service
 
