@@ -165,9 +165,15 @@ def register(service: Service) -> Service:
 
 
 def services() -> tuple[Service, ...]:
-    """The whole table: the rows of all messages that are installed or have been imported."""
+    """The whole table: the rows of all messages that are installed or have been imported.
+
+    The framework's first, then by module: in whatever order they were imported.
+    """
     load_all()
-    return tuple(_rows)
+    own = m.__name__
+    return tuple(
+        sorted(_rows, key=lambda row: (row.message.__module__ != own, row.message.__module__))
+    )
 
 
 def state(

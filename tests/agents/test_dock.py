@@ -16,13 +16,13 @@ from armadico.core.agent import Agent, Identity
 from armadico.core.messages import Message, Point, Stop
 from armadico.mobile.messages import Waypoint
 from armadico.observe.measures import speeds
-from tests.framework.stage import NO_STOP, Stage, claims, commands, drive_to, wall
+from armadico.testing.alone import NO_STOP, Alone, claims, commands, drive_to, wall
 
 DOCK = Waypoint(0.5, 0.0, 0.0)
 AHEAD = 0.5 + 0.33  # the wall, from where the lane begins
 
 
-class Lane(Stage):
+class Lane(Alone):
     """A robot in a dock's lane, and the charger's word in each cycle."""
 
     def __init__(self, agent: Agent, charge: ChargeState | None = ChargeState.DOCKING) -> None:
@@ -33,7 +33,7 @@ class Lane(Stage):
     def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
         said = super().state(stop, cycles=cycles)
         if self.charge is not None:
-            said += self.hand(ChargeStatus(self.at, self.charge, DOCK, "dock"))
+            said += self.give(ChargeStatus(self.at, self.charge, DOCK, "dock"))
         return said
 
     def drive(self, cycles: int, points: Iterable[Point] = ()) -> None:
@@ -46,7 +46,9 @@ class Lane(Stage):
                 Point(c * (p.x - x) + s * (p.y - y), c * (p.y - y) - s * (p.x - x)) for p in points
             ]
             self.cycle(points=seen)
-            self.speed = speeds(commands(self.said)[-1]) if commands(self.said) else (0.0, 0.0)
+            self.speed = (
+                speeds(commands(self.published)[-1]) if commands(self.published) else (0.0, 0.0)
+            )
             v, w = self.speed
             self.pose = (x + 0.1 * v * c, y + 0.1 * v * s, theta + 0.1 * w)
 
@@ -81,7 +83,7 @@ def test_it_backs_out_to_where_the_lane_begins_and_farther_while_it_is_told() ->
 def test_else_it_does_not_bid(charge: ChargeState | None) -> None:
     lane = Lane(dock(), charge)
     assert claims(lane.cycle()) == []
-    assert lane.bid().reason == "nobody is to be charged"
+    assert lane.bid.reason == "nobody is to be charged"
 
 
 def test_a_charger_that_is_silent_has_nobody_driven_in() -> None:
@@ -90,7 +92,7 @@ def test_a_charger_that_is_silent_has_nobody_driven_in() -> None:
     lane.charge = None
     for _ in range(5):
         lane.cycle()
-    assert lane.bid().utility is None
+    assert lane.bid.utility is None
 
 
 def test_what_steps_between_it_and_the_dock_is_not_driven_into() -> None:
@@ -105,7 +107,7 @@ def test_beside_the_lane_it_does_not_drive() -> None:
     lane = Lane(dock())
     lane.pose = (0.0, 0.3, 0.0)
     assert claims(lane.cycle()) == []
-    assert "not before the dock: 0.30 m aside" in lane.bid().reason
+    assert "not before the dock: 0.30 m aside" in lane.bid.reason
 
 
 def test_it_is_slow_enough_for_its_margin() -> None:
@@ -119,11 +121,11 @@ def test_nobody_else_drives_into_a_dock_or_out_of_it(
     kind: type[Agent], charge: ChargeState
 ) -> None:
     lane = Lane(kind(Identity("x-1")), charge)
-    lane.hand(drive_to((4.0, 0.0, 0.0)))
+    lane.give(drive_to((4.0, 0.0, 0.0)))
     for _ in range(4):
         assert claims(lane.cycle(points=wall(0.6, -0.4, 0.4))) == []
-    assert "into a dock" in lane.bid().reason
+    assert "into a dock" in lane.bid.reason
     lane.charge = ChargeState.CHARGING
     for _ in range(6):
         lane.cycle(points=wall(0.6, -0.4, 0.4))
-    assert "into a dock" not in lane.bid().reason
+    assert "into a dock" not in lane.bid.reason

@@ -13,8 +13,8 @@ from armadico.core.agent import Identity, Publish, Refused
 from armadico.core.messages import Message, Stop
 from armadico.mobile.messages import FleetPose, Trajectory
 from armadico.observe.measures import speeds
+from armadico.testing.alone import Alone, claims, commands, drive_to
 from armadico_tools.experiments.narrow import map_of
-from tests.framework.stage import Stage, claims, commands, drive_to
 
 MOUTHS = 6.0, 12.0
 """Of the corridor, m: along the x axis, in the middle of its rooms."""
@@ -30,7 +30,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-class Robot(Stage):
+class Robot(Alone):
     """Drives along the x axis to its goal, but for what its agent commands."""
 
     def __init__(self, name: str, world: str | None, x: float, goal: float, start: int = 1) -> None:
@@ -40,7 +40,7 @@ class Robot(Stage):
         self.pose = (x, Y, 0.0 if goal > x else pi)
         self.agent.start(0.0)
         self.state()
-        self.hand(drive_to((goal, Y, 0.0)))
+        self.give(drive_to((goal, Y, 0.0)))
 
     @property
     def x(self) -> float:
@@ -60,7 +60,7 @@ class Robot(Stage):
         said = self.cycle()
         if (self.agent.wakeup or self.now + 1.0) <= self.now:
             self.agent.wake(self.now)
-            said += self.take()
+            said += self.collect()
         x, y, theta = self.pose
         own = [c for c in commands(said) if c.action is not None]
         self.speed = speeds(own[-1]) if own else (0.0 if self.there else V, 0.0)
@@ -89,11 +89,11 @@ class Fleet:
         for _ in range(round(10 * seconds)):
             for robot in list(self.robots.values()):
                 robot.tick()
-                said = [m for m in robot.said[robot.sent :] if isinstance(m, FleetPassages)]
-                robot.sent = len(robot.said)
+                said = [m for m in robot.published[robot.sent :] if isinstance(m, FleetPassages)]
+                robot.sent = len(robot.published)
                 for other in self.robots.values():
                     if other is not robot:
-                        other.hand(robot.told, *said)
+                        other.give(robot.told, *said)
                 if robot.inside and robot.name not in self.entered:
                     self.entered.append(robot.name)
             self.most = max(self.most, sum(robot.inside for robot in self.robots.values()))
@@ -104,7 +104,7 @@ class Fleet:
 
 
 def why(robot: Robot) -> str:
-    return robot.bid().reason
+    return robot.bid.reason
 
 
 def test_two_that_come_from_both_sides_drive_through_one_after_the_other(world: str) -> None:
@@ -217,17 +217,17 @@ def test_without_a_goal_or_a_map_it_drives_nothing(world: str) -> None:
         blind.tick()
     assert why(blind) == "there is no map"
     idle = Robot("a", world, 3.0, 15.0)
-    idle.hand(Trajectory(2, 2, ()))
+    idle.give(Trajectory(2, 2, ()))
     idle.tick()
     assert why(idle) == "no goal"
-    assert claims(blind.said) == claims(idle.said) == []
+    assert claims(blind.published) == claims(idle.published) == []
 
 
 def test_the_message_says_what_is_held_wanted_and_waited_for(world: str) -> None:
     fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
     fleet.run(15.0)
     a, b = (
-        [m for m in robot.said if isinstance(m, FleetPassages)][-1]
+        [m for m in robot.published if isinstance(m, FleetPassages)][-1]
         for robot in fleet.robots.values()
     )
     assert [claim.resource for claim in a.claims] == ["passage-0"]
@@ -242,7 +242,7 @@ def test_a_map_that_is_not_there_ends_the_agent_at_its_start(tmp_path: Path) -> 
 def test_a_robot_that_was_stopped_before_a_passage_leaves_it_to_the_others(world: str) -> None:
     stopped = Robot("a", world, 2.5, 15.0)
     fleet = Fleet(stopped, Robot("b", world, 17.0, 3.0))
-    stopped.hand(Stop(1, stopped=True, by="a person"))
+    stopped.give(Stop(1, stopped=True, by="a person"))
     stopped.goal = stopped.x  # where it stands
     fleet.run(60.0)
     assert fleet.robots["b"].there

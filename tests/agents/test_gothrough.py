@@ -14,17 +14,17 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Trajectory
 from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
+from armadico.testing.alone import Alone, claims, commands, drive_to, wall
 from tests.framework.robots import body
-from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
 AHEAD = drive_to((8.0, 0.0, 0.0))
 
 
-def stage(trajectory: Trajectory | None = AHEAD, **parameters: Any) -> Stage:
-    made = Stage(Gothrough(Identity("gothrough-1"), Parameters(**parameters)))
+def stage(trajectory: Trajectory | None = AHEAD, **parameters: Any) -> Alone:
+    made = Alone(Gothrough(Identity("gothrough-1"), Parameters(**parameters)))
     made.state()
     if trajectory is not None:
-        made.hand(trajectory)
+        made.give(trajectory)
     return made
 
 
@@ -42,7 +42,7 @@ def test_its_utility_is_3_7_of_half_the_distance_between_the_sides(
 ) -> None:
     made = stage()
     made.cycle(points=between(half))
-    assert made.bid().utility == pytest.approx(utility)
+    assert made.bid.utility == pytest.approx(utility)
 
 
 def test_it_says_nothing_without_a_goal_nor_where_it_is_not_narrow() -> None:
@@ -53,7 +53,7 @@ def test_it_says_nothing_without_a_goal_nor_where_it_is_not_narrow() -> None:
         (stage(), between(1.21), "not narrow"),
     ):
         assert made.cycle(points=points) == []
-        assert made.bid().reason == why
+        assert made.bid.reason == why
 
 
 def test_it_steers_to_the_middle() -> None:
@@ -61,7 +61,7 @@ def test_it_steers_to_the_middle() -> None:
     for middle in (0.15, 0.0, -0.15):
         made = stage()
         made.cycle(points=between(0.5, middle))
-        turns.append(made.bid().wanted[1])
+        turns.append(made.bid.wanted[1])
     assert turns[0] > 0.1
     assert turns[1] == pytest.approx(0.0, abs=1e-9)
     assert turns[2] == pytest.approx(-turns[0])
@@ -80,65 +80,65 @@ def test_the_point_it_drives_to_lies_on_the_axis_half_way_to_the_goal() -> None:
 def test_it_abstains_where_the_front_is_not_clear() -> None:
     made = stage()
     made.cycle(points=[*between(0.5), *wall(0.8, -0.3, 0.3)])
-    assert made.bid().utility is None
-    assert made.bid().reason == "only 0.51 m of free way"
+    assert made.bid.utility is None
+    assert made.bid.reason == "only 0.51 m of free way"
     by_the_book = stage(rules="thesis")
     by_the_book.cycle(points=[*between(0.5), *wall(0.8, -0.3, 0.3)])
-    assert by_the_book.bid().utility == 1.0
+    assert by_the_book.bid.utility == 1.0
 
 
 def test_it_does_not_leave_the_trajectory_for_the_middle_by_much() -> None:
     made = stage()
     made.cycle(points=between(0.5, 0.2))
-    assert made.bid().wanted[1] == pytest.approx(Parameters().turn_gain * Parameters().off_line)
+    assert made.bid.wanted[1] == pytest.approx(Parameters().turn_gain * Parameters().off_line)
     by_the_book = stage(rules="thesis")
     by_the_book.cycle(points=between(0.5, 0.2))
-    assert by_the_book.bid().wanted[1] > made.bid().wanted[1]
+    assert by_the_book.bid.wanted[1] > made.bid.wanted[1]
 
 
 def test_it_slows_down_for_a_corner_of_the_trajectory() -> None:
     on, corner = (stage(to) for to in (AHEAD, drive_to((0.9, 0.0, 0.0), (0.9, 4.0, 1.57))))
     for made in (on, corner):
         made.cycle(points=between(0.6))
-    assert corner.bid().wanted[0] < on.bid().wanted[0]
+    assert corner.bid.wanted[0] < on.bid.wanted[0]
 
 
 def test_it_abstains_where_the_trajectory_leads_elsewhere() -> None:
     aside = drive_to((0.0, 8.0, 1.57))
     made = stage(aside)
     made.cycle(points=between(0.5))
-    assert made.bid().reason == "the trajectory leads elsewhere"
+    assert made.bid.reason == "the trajectory leads elsewhere"
     by_the_book = stage(aside, rules="thesis")
     by_the_book.cycle(points=between(0.5))
-    assert by_the_book.bid().utility == 1.0
+    assert by_the_book.bid.utility == 1.0
 
 
 def test_it_abstains_near_the_final_goal_but_not_near_a_waypoint() -> None:
     near = stage(drive_to((0.7, 0.0, 0.0)))
     near.cycle(points=between(0.5))
-    assert near.bid().reason == "the goal is near"
+    assert near.bid.reason == "the goal is near"
     passing = stage(drive_to((0.7, 0.0, 0.0), (8.0, 0.0, 0.0)))
     passing.cycle(points=between(0.5))
-    assert passing.bid().utility == 1.0
+    assert passing.bid.utility == 1.0
     by_the_book = stage(drive_to((0.7, 0.0, 0.0)), rules="thesis")
     by_the_book.cycle(points=between(0.5))
-    assert by_the_book.bid().utility == 1.0
+    assert by_the_book.bid.utility == 1.0
 
 
 def test_it_abstains_where_the_middle_is_not_ahead() -> None:
     made = stage()
     made.pose = (0.0, 0.0, radians(40))
     made.cycle(points=[Point(-0.1, 0.9), Point(0.1, -0.2)])
-    assert made.bid().utility is None
+    assert made.bid.utility is None
 
 
 def test_leaving_the_narrow_place_it_offers_the_wheels_while_they_turn() -> None:
     made = stage()
     made.holding(points=between(0.5))
-    wanted = made.bid().wanted
+    wanted = made.bid.wanted
     said = made.cycle()
     assert [claim.utility for claim in claims(said)] == [0.0]
-    assert made.bid().wanted == wanted
+    assert made.bid.wanted == wanted
     assert speeds(commands(said)[0]) == wanted
     for _ in range(4):
         said += made.cycle()
@@ -163,13 +163,13 @@ def test_what_it_offers_it_could_still_stop() -> None:
 def test_a_scenarios_speed_limit_holds() -> None:
     made = stage(v_max=0.2)
     made.cycle(points=between(0.5))
-    assert made.bid().wanted[0] == pytest.approx(0.2)
+    assert made.bid.wanted[0] == pytest.approx(0.2)
 
 
 def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding(points=between(0.5))
-    made.hand(Trajectory(2, 1, ()))
+    made.give(Trajectory(2, 1, ()))
     said = made.cycle(points=between(0.5))
     assert [claim.utility for claim in claims(said)] == [None]
     assert made.cycle(points=between(0.5)) == []
@@ -179,5 +179,5 @@ def test_brisk_it_drives_as_fast_as_goto_does() -> None:
     made = stage(controller="brisk")
     made.speed = (0.7, 0.0)
     made.cycle(points=between(0.5))
-    assert made.bid().utility == 1.0
-    assert made.bid().wanted[0] > Parameters().v
+    assert made.bid.utility == 1.0
+    assert made.bid.wanted[0] > Parameters().v

@@ -19,39 +19,39 @@ from armadico.core.messages import Description, Point
 from armadico.mobile.messages import Trajectory
 from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
+from armadico.testing.alone import Alone, commands, drive_to, wall
 from tests.framework.robots import body, described
-from tests.framework.stage import Stage, commands, drive_to, wall
 
 ROUND_A_CORNER = drive_to((4.0, 0.0, 0.0), (4.0, 3.0, 1.57))
 
 
-def stage(trajectory: Trajectory | None = ROUND_A_CORNER, **parameters: Any) -> Stage:
-    made = Stage(Goto(Identity("goto-1"), Parameters(**parameters)))
+def stage(trajectory: Trajectory | None = ROUND_A_CORNER, **parameters: Any) -> Alone:
+    made = Alone(Goto(Identity("goto-1"), Parameters(**parameters)))
     made.state()
     if trajectory is not None:
-        made.hand(trajectory)
+        made.give(trajectory)
     return made
 
 
-def utility_at(made: Stage, x: float, y: float) -> float | None:
+def utility_at(made: Alone, x: float, y: float) -> float | None:
     made.pose = (x, y, 0.0)
     made.cycle()
-    return made.bid().utility
+    return made.bid.utility
 
 
 def test_without_a_goal_it_says_nothing() -> None:
     made = stage(None)
     assert made.cycle() == []
-    assert made.bid().reason == "no goal"
+    assert made.bid.reason == "no goal"
 
 
 def test_a_mission_that_waits_is_not_driven_and_who_holds_lets_go() -> None:
     made = stage()
     made.holding()
-    made.hand(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 1, waits=True))
+    made.give(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 1, waits=True))
     assert [command.action for command in commands(made.cycle())] == [None]
-    assert made.bid().reason == "the mission waits: no way is free"
-    made.hand(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 2))
+    assert made.bid.reason == "the mission waits: no way is free"
+    made.give(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 2))
     assert made.holding()
 
 
@@ -62,18 +62,18 @@ def test_while_it_turns_towards_the_line_it_drives_the_speed_limit_of_that(off: 
     made.pose = (0.0, 0.0, off)
     made.holding()
     for _ in range(50):
-        made.speed = made.bid().wanted
+        made.speed = made.bid.wanted
         made.cycle()
     p = Parameters()
     share = max(1.0 - (off - p.calm_from) / p.calm_over, p.calm_least)
     top = min(SETTINGS[p.settings].fast.v * share, SETTINGS[p.settings].creep if off > 1.8 else inf)
-    assert made.bid().wanted[0] == pytest.approx(top)
+    assert made.bid.wanted[0] == pytest.approx(top)
 
 
 def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding()
-    made.hand(Trajectory(2, 1, ()))
+    made.give(Trajectory(2, 1, ()))
     said = made.cycle()
     assert [c.action for c in commands(said)] == [None]
     assert made.cycle() == []
@@ -106,7 +106,7 @@ def test_it_drives_along_the_line_and_turns_towards_it() -> None:
     made.pose = (1.0, 0.3, 0.0)
     for _ in range(12):  # it listens for the first three, and draws
         made.cycle()
-    command = commands(made.said)[-1]
+    command = commands(made.published)[-1]
     assert speeds(command)[0] > 0.2
     assert speeds(command)[1] < -0.05
 
@@ -115,7 +115,7 @@ def test_its_ramps_start_from_what_the_robot_does() -> None:
     made = stage()
     made.speed = (0.5, 0.0)
     made.cycle()
-    assert made.bid().wanted[0] == pytest.approx(0.53)  # 0.3 m/s2 for a cycle
+    assert made.bid.wanted[0] == pytest.approx(0.53)  # 0.3 m/s2 for a cycle
 
 
 @pytest.mark.parametrize("mode", ["brisk", "collaborative"])
@@ -123,7 +123,7 @@ def test_a_scenarios_speed_limit_holds(mode: str) -> None:
     made = stage(controller=mode, v_max=0.4)
     for _ in range(40):
         made.cycle()
-    assert max(speeds(c)[0] for c in commands(made.said)) == pytest.approx(0.4)
+    assert max(speeds(c)[0] for c in commands(made.published)) == pytest.approx(0.4)
 
 
 def test_by_sight_it_can_stop_within_what_it_sees_of_its_way() -> None:
@@ -135,7 +135,7 @@ def test_by_sight_it_can_stop_within_what_it_sees_of_its_way() -> None:
         made = stage(drive_to((1.0, 0.0, 0.0), (1.0, 6.0, 1.57)), controller="brisk", brisk=brisk)
         for _ in range(40):
             made.cycle(points=row)
-        fastest[sight] = max(speeds(c)[0] for c in commands(made.said))
+        fastest[sight] = max(speeds(c)[0] for c in commands(made.published))
     seen = in_sight(row, [(0.0, 0.0), (1.0, 0.0), (1.0, 6.0)], 2.5)
     assert body().stopping_distance(fastest[2.5]) <= seen - body().outline.front
     assert fastest[2.5] < fastest[None]
@@ -151,9 +151,9 @@ def test_at_the_goal_it_commands_rest(mode: str) -> None:
 def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
     made = stage()
     assert utility_at(made, 4.0, 0.1) == 0.6  # the corner is passed
-    made.hand(ROUND_A_CORNER)
+    made.give(ROUND_A_CORNER)
     assert utility_at(made, 4.0, 2.9) == 1.0
-    made.hand(drive_to((9.0, 9.0, 0.0), mission=2))
+    made.give(drive_to((9.0, 9.0, 0.0), mission=2))
     assert utility_at(made, 4.0, 2.9) == 0.6
 
 
@@ -161,9 +161,9 @@ def test_who_did_not_see_a_waypoint_passed_is_told_by_the_same_mission() -> None
     made = stage()
     assert utility_at(made, 0.5, 0.0) == 0.6
     assert utility_at(made, 3.7, 2.95) == 0.6  # it hung, and was led aside: it is on no leg
-    made.hand(replace(ROUND_A_CORNER, leg=1))
+    made.give(replace(ROUND_A_CORNER, leg=1))
     assert utility_at(made, 3.7, 2.95) == pytest.approx(1.0, abs=0.3)
-    assert made.bid().reason == "leg 1"
+    assert made.bid.reason == "leg 1"
 
 
 def test_who_comes_late_goes_on_where_the_run_is() -> None:
@@ -187,7 +187,7 @@ def test_what_it_commands_is_swept_clear_of_what_is_remembered_if_braking_is(
         assume(touches_at(pioneer, made.speed, (0.0, 0.0), points, margin, waited=waited) == inf)
     made.state()
     made.cycle(points=points)
-    v, w = made.bid().wanted
+    v, w = made.bid.wanted
     assert touches_at(pioneer, made.speed, (v, w), points, 0.0) == inf
 
 
@@ -198,10 +198,10 @@ def test_it_takes_the_robots_size_limits_and_ramps_from_its_description() -> Non
 
     def wish(said: Description, *points: Point) -> float:
         made = stage(drive_to((8.0, 0.0, 0.0)))
-        made.hand(said)
+        made.give(said)
         made.speed = (0.35, 0.0)
         made.cycle(points=points)
-        return made.bid().wanted[0]
+        return made.bid.wanted[0]
 
     assert wish(described()) == wish(described(), *posts) == wish(wide) == pytest.approx(0.38)
     assert wish(wide, *posts) == 0.0
@@ -214,5 +214,5 @@ def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> 
     for made in (safe, thesis):
         made.speed = (0.3, 0.0)
         made.cycle(points=near)
-    assert safe.bid().wanted[0] == 0.0
-    assert thesis.bid().wanted[0] > 0.3
+    assert safe.bid.wanted[0] == 0.0
+    assert thesis.bid.wanted[0] > 0.3

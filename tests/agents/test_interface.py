@@ -32,8 +32,8 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
+from armadico.testing.alone import covariance
 from tests.framework.robots import described
-from tests.framework.stage import spread
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
 DOOR = Waypoint(1.0, 0.0, 0.0)
@@ -83,7 +83,7 @@ class Desk:
         now, cycle = self.now + 0.1, Cycle(1, self.number)
         self.agent.receive(RobotState(cycle, 0, 0, 0, *speed, 12, True, False), now)
         self.agent.receive(TeleopStatus(cycle, self.hand), now)
-        self.agent.receive(Pose(cycle, x, y, theta, spread(off_m)), now)
+        self.agent.receive(Pose(cycle, x, y, theta, covariance(off_m)), now)
         self.wake()
 
     def wake(self) -> None:

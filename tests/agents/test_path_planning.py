@@ -13,7 +13,7 @@ from armadico.core.agent import Answer, Identity, Publish, Question
 from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
-from tests.framework.stage import spread
+from armadico.testing.alone import covariance
 
 START, GOAL = Waypoint(3.4, 0.6, pi / 2), Waypoint(7.4, 0.7, -pi / 2)
 
@@ -121,7 +121,7 @@ def look(
     for number in range(first, first + cycles):
         cycle, now = Cycle(1, number), number / 10
         echoes = [Echo(0.166, y, bearing, ahead) for y, bearing in ((0.027, 0.17), (-0.027, -0.17))]
-        pose = Pose(cycle, BEFORE.x, BEFORE.y, BEFORE.theta, spread(off_m))
+        pose = Pose(cycle, BEFORE.x, BEFORE.y, BEFORE.theta, covariance(off_m))
         state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
         for message in (state, pose, Sonar(cycle, 5.0, tuple(echoes))):
             planner.receive(message, now)
@@ -212,7 +212,7 @@ def looks(planner: PathPlanning, ranges: list[tuple[float, float]], *, first: in
     for number in range(first, first + 10):
         cycle = Cycle(1, number)
         echoes = tuple(Echo(0.0, 0.0, bearing, away) for bearing, away in ranges)
-        pose = Pose(cycle, 0.0, 0.0, 0.0, spread(0.01))
+        pose = Pose(cycle, 0.0, 0.0, 0.0, covariance(0.01))
         state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
         for message in (state, pose, Sonar(cycle, 5.0, echoes)):
             planner.receive(message, number / 10)

@@ -21,8 +21,8 @@ from armadico.mobile.messages import Echo, Particles, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import message_of
 from armadico.observe.measures import speeds
+from armadico.testing.alone import Alone, claims, commands, drive_to, wall
 from tests.framework.robots import body
-from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
 AWAY = drive_to((4.0, 0.0, 0.0))
 PIONEER = body()
@@ -35,15 +35,15 @@ class Backwards(Goto):
         return Bid(1.0, self.limited(-PIONEER.v_max, 0.0, obstacles))
 
 
-def stage(agent: Agent, off_m: float) -> Stage:
-    made = Stage(agent)
+def stage(agent: Agent, off_m: float) -> Alone:
+    made = Alone(agent)
     made.off_m = off_m
     made.state()
-    made.hand(AWAY)
+    made.give(AWAY)
     return made
 
 
-def lost(**parameters: float) -> Stage:
+def lost(**parameters: float) -> Alone:
     return stage(Relocate(Identity("relocate-1"), Parameters(**parameters)), 2.0 * LOST_M)
 
 
@@ -52,7 +52,7 @@ def test_no_mission_is_driven_while_the_robot_is_lost(kind: type[Agent]) -> None
     made = stage(kind(Identity("x-1")), 1.01 * LOST_M)
     for _ in range(10):
         assert claims(made.cycle(points=wall(0.8, -0.4, 0.4))) == []
-    assert "lost" in made.bid().reason
+    assert "lost" in made.bid.reason
 
 
 def settled(agent: Agent, off_m: float, points: Sequence[Point] = (), leaving: int = 0) -> float:
@@ -63,9 +63,9 @@ def settled(agent: Agent, off_m: float, points: Sequence[Point] = (), leaving: i
     made = stage(agent, off_m)
     made.holding(points=points)
     for cycle in range(50 + leaving):
-        made.speed = made.bid().wanted
+        made.speed = made.bid.wanted
         made.cycle(points=points if cycle < 50 else ())
-    return float(made.bid().wanted[0])
+    return float(made.bid.wanted[0])
 
 
 def cap_at(off_m: float) -> float:
@@ -110,11 +110,11 @@ def test_who_holds_lets_go_when_the_robot_is_lost() -> None:
 def test_relocate_drives_only_a_robot_that_is_lost() -> None:
     made = stage(Relocate(Identity("relocate-1")), 0.1)
     assert claims(made.cycle()) == []
-    assert made.bid().reason == "the pose is known"
+    assert made.bid.reason == "the pose is known"
 
 
 def test_without_a_mission_nobody_drives_a_lost_robot() -> None:
-    made = Stage(Relocate(Identity("relocate-1")))
+    made = Alone(Relocate(Identity("relocate-1")))
     made.off_m = 2.0
     made.state()
     assert claims(made.cycle()) == []
@@ -125,7 +125,7 @@ def test_the_more_uncertain_the_pose_the_more_it_bids() -> None:
     for off_m in (0.51, 1.0, 3.0):
         made = stage(Relocate(Identity("relocate-1")), off_m)
         made.cycle()
-        bids.append(made.bid().utility)
+        bids.append(made.bid.utility)
     assert bids == sorted(bids)
     assert bids[-1] == 1.0
 
@@ -133,11 +133,11 @@ def test_the_more_uncertain_the_pose_the_more_it_bids() -> None:
 def test_it_looks_around_and_then_drives_on() -> None:
     made = lost()
     made.holding()
-    assert speeds(commands(made.said)[-1]) == (0.0, Parameters().w)
+    assert speeds(commands(made.published)[-1]) == (0.0, Parameters().w)
     made.speed = (0.0, Parameters().w)
     for _ in range(round(10 * tau / Parameters().w) + 5):
         made.cycle()
-    v, w = speeds(commands(made.said)[-1])
+    v, w = speeds(commands(made.published)[-1])
     assert (v > 0.1, w) == (True, 0.0)
 
 
@@ -150,7 +150,7 @@ def test_where_it_cannot_drive_on_it_turns_to_the_freer_side() -> None:
     right = [*wall(0.5, -0.6, 0.6), *wall(0.3, -0.9, -0.6)]
     for _ in range(3):
         made.cycle(points=right)
-    v, w = speeds(commands(made.said)[-1])
+    v, w = speeds(commands(made.published)[-1])
     assert v == 0.0
     assert w > 0.0
 
@@ -161,8 +161,8 @@ def test_not_found_in_time_it_stands_and_says_so() -> None:
     for _ in range(60):
         last = made.cycle()
     assert claims(last) == []
-    assert "not found in 5 s" in made.bid().reason
-    told = [said for said in made.said if isinstance(said, Log) and "it stands" in said.text]
+    assert "not found in 5 s" in made.bid.reason
+    told = [said for said in made.published if isinstance(said, Log) and "it stands" in said.text]
     assert len(told) == 1
 
 
@@ -173,12 +173,12 @@ def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
     narrow = [Point(0.03 * i, side) for i in range(-3, 9) for side in (-0.2, 0.2)]
     for _ in range(30):
         made.cycle(points=[*narrow, *wall(0.3, -0.2, 0.2)])
-    v, w = speeds(commands(made.said)[-1])
+    v, w = speeds(commands(made.published)[-1])
     assert v < 0.0
     assert w == 0.0
 
 
-def looked_around(*, answers: bool | None) -> Stage:
+def looked_around(*, answers: bool | None) -> Alone:
     """It has turned once; the sonars that look ahead heard something meanwhile, or nothing."""
     made = lost()
     made.holding()
@@ -189,22 +189,22 @@ def looked_around(*, answers: bool | None) -> Stage:
     return made
 
 
-def ping(made: Stage, answers: bool | None, heard_m: float = 4.0) -> None:
+def ping(made: Alone, answers: bool | None, heard_m: float = 4.0) -> None:
     if answers is not None:
         heard = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
-        made.hand(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
+        made.give(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
 
 
 def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() -> None:
     """A wall that answers to nobody may be there."""
-    assert speeds(commands(looked_around(answers=True).said)[-1])[0] > 0.1
+    assert speeds(commands(looked_around(answers=True).published)[-1])[0] > 0.1
     made = looked_around(answers=False)
-    v, w = speeds(commands(made.said)[-1])
+    v, w = speeds(commands(made.published)[-1])
     assert (v, abs(w)) == (0.0, Parameters().w)
     for _ in range(3):
         ping(made, answers=True)
         made.cycle()
-    assert speeds(commands(made.said)[-1])[0] > 0.1
+    assert speeds(commands(made.published)[-1])[0] > 0.1
 
 
 def test_when_it_no_longer_answers_it_looks_elsewhere() -> None:
@@ -213,7 +213,7 @@ def test_when_it_no_longer_answers_it_looks_elsewhere() -> None:
     for _ in range(round(10 * Parameters().silent_s) + 3):
         ping(made, answers=False)
         made.cycle()
-    assert speeds(commands(made.said)[-1])[0] == 0.0
+    assert speeds(commands(made.published)[-1])[0] == 0.0
 
 
 def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
@@ -221,7 +221,7 @@ def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
     for _ in range(round(10 * tau / Parameters().w) + 5):
         ping(made, answers=False)
         made.cycle()
-    assert speeds(commands(made.said)[-1])[0] > 0.0
+    assert speeds(commands(made.published)[-1])[0] > 0.0
 
 
 @pytest.mark.parametrize("heard_m", [0.2, 0.25, 4.0])
@@ -231,7 +231,7 @@ def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: floa
     made.speed = (0.0, 0.0)
     ping(made, answers=True, heard_m=heard_m)
     made.cycle()
-    v = speeds(commands(made.said)[-1])[0]
+    v = speeds(commands(made.published)[-1])[0]
     left = 0.17 + heard_m - PIONEER.outline.front - Parameters().safety.margin_m
     assert PIONEER.stopping_distance(v) <= left + 1e-9
     assert (v == Parameters().v) == (heard_m > 1.0)
@@ -247,8 +247,8 @@ def test_on_a_way_that_tells_places_apart_too_it_creeps_where_nothing_answers(wo
         for _ in range(round(10 * Parameters().silent_s) + 2):
             ping(made, answers)
             made.cycle()
-        assert made.bid().reason == "lost: to where places differ"
-        driven.add(speeds(commands(made.said)[-1])[0])
+        assert made.bid.reason == "lost: to where places differ"
+        driven.add(speeds(commands(made.published)[-1])[0])
     assert driven == {Parameters().v, Parameters().v_back}
 
 
@@ -259,7 +259,7 @@ def test_where_it_neither_turns_to_what_is_open_nor_gets_on_it_goes_where_there_
     made.speed = (0.0, 0.3)
     for _ in range(round(10 * (tau / Parameters().w + Parameters().patience_s)) + 20):
         made.cycle(points=wall(0.35, -0.6, 0.6))
-    assert speeds(commands(made.said)[-1])[0] < 0.0
+    assert speeds(commands(made.published)[-1])[0] < 0.0
 
 
 CORRIDOR = """\
@@ -285,13 +285,13 @@ def world(tmp_path: Path) -> str:
     return str(path)
 
 
-def told(made: Stage, *places: Pose2) -> None:
+def told(made: Alone, *places: Pose2) -> None:
     """Once it has looked round it hears where it may be."""
     made.holding()
     made.speed = (0.0, Parameters().w)
     for _ in range(round(10 * tau / Parameters().w) + 5):
         made.cycle()
-    made.hand(message_of(made.at, [place for place in places for _ in range(50)]))
+    made.give(message_of(made.at, [place for place in places for _ in range(50)]))
     for _ in range(round(10 * Parameters().wait_s) + 2):
         made.cycle()
 
@@ -300,23 +300,23 @@ def test_it_drives_by_the_places_where_the_robot_may_be(world: str) -> None:
     """A niche is 3.5 m ahead, or 1.5 m behind."""
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
     told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
-    assert made.bid().reason == "lost: to where places differ"
-    v, w = speeds(commands(made.said)[-1])
+    assert made.bid.reason == "lost: to where places differ"
+    v, w = speeds(commands(made.published)[-1])
     assert (v, abs(w)) == (0.0, Parameters().w)
 
 
 def test_with_one_place_or_no_map_it_drives_on_as_without(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
     told(made, (5.0, 1.0, 0.0))
-    assert made.bid().reason == "lost: drive on"
+    assert made.bid.reason == "lost: drive on"
     made = lost()
     told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
-    assert made.bid().reason == "lost: drive on"
+    assert made.bid.reason == "lost: drive on"
 
 
 def test_particles_that_are_none_change_nothing(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
     told(made, (5.0, 1.0, 0.0))
-    made.hand(Particles(made.at, 0.0, 0.0, 0.1, b"12345"))
+    made.give(Particles(made.at, 0.0, 0.0, 0.1, b"12345"))
     made.cycle()
-    assert made.bid().reason == "lost: drive on"
+    assert made.bid.reason == "lost: drive on"

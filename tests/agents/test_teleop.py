@@ -16,11 +16,11 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Cycle, Message, MessageError, Point, Stop, decode, encode
 from armadico.mobile.behaviour import BY_HAND
 from armadico.observe.measures import speeds
+from armadico.testing.alone import Alone, claims, commands, drive_to, obstacles, wall
 from tests.framework.robots import body
-from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall
 
 
-class Cab(Stage):
+class Cab(Alone):
     """A robot that does at once what it is told, and hands on a stick."""
 
     def __init__(self, agent: Agent | None = None, **parameters: Any) -> None:
@@ -33,7 +33,7 @@ class Cab(Stage):
         """What a hand says in this cycle."""
         self.count += 1
         said = {"cycle": self.at, "number": self.count, "held": True} | about
-        self.hand(Stick(hand=hand, v=v, w=w, **said))
+        self.give(Stick(hand=hand, v=v, w=w, **said))
 
     def drive(
         self, cycles: int, *hands: tuple[str, float, float], points: tuple[Point, ...] = ()
@@ -49,14 +49,14 @@ class Cab(Stage):
         return said
 
     def status(self) -> TeleopStatus:
-        return next(m for m in reversed(self.said) if isinstance(m, TeleopStatus))
+        return next(m for m in reversed(self.published) if isinstance(m, TeleopStatus))
 
 
 def test_without_a_hand_it_says_nothing_but_that() -> None:
     cab = Cab()
     assert not claims(cab.drive(20))
-    assert cab.bid().reason == "no hand is on the stick"
-    told = [message for message in cab.said if isinstance(message, TeleopStatus)]
+    assert cab.bid.reason == "no hand is on the stick"
+    told = [message for message in cab.published if isinstance(message, TeleopStatus)]
     assert 2 <= len(told) <= 3  # once a second
     assert (cab.status().hand, cab.status().holds) == ("", False)
     assert (cab.status().v_max, cab.status().w_max) == (0.5, 0.8)
@@ -73,7 +73,7 @@ def test_a_hand_drives_as_fast_as_the_ramps_let_it() -> None:
     for (v, w), (v_next, w_next) in pairwise(seen):
         assert 0.0 <= v_next - v <= robot.v_accel * robot.cycle_s + 1e-9
         assert 0.0 <= w_next - w <= robot.w_accel * robot.cycle_s + 1e-9
-    assert cab.bid().utility == 1.0
+    assert cab.bid.utility == 1.0
     assert (cab.status().hand, cab.status().holds, cab.status().note) == ("ann", True, "")
     assert cab.status().v == pytest.approx(0.5)
 
@@ -109,8 +109,8 @@ def test_a_hand_that_falls_silent_has_it_for_half_a_second_more() -> None:
     while cab.status().hand:
         cab.drive(1)
     assert 0.5 <= cab.now - heard < 0.65  # and not later than the cycle after
-    assert cab.bid().utility == LETTING_GO
-    assert any("ann is silent" in getattr(message, "text", "") for message in cab.said)
+    assert cab.bid.utility == LETTING_GO
+    assert any("ann is silent" in getattr(message, "text", "") for message in cab.published)
 
 
 def test_of_two_hands_the_first_has_it_and_the_second_is_told() -> None:
@@ -118,7 +118,7 @@ def test_of_two_hands_the_first_has_it_and_the_second_is_told() -> None:
     cab.drive(20, ("ann", 1.0, 0.0), ("bob", 0.0, 1.0))
     assert cab.speed == pytest.approx((0.5, 0.0))
     assert (cab.status().hand, cab.status().waits) == ("ann", ("bob",))
-    lines = [m for m in cab.said if "wants the stick" in getattr(m, "text", "")]
+    lines = [m for m in cab.published if "wants the stick" in getattr(m, "text", "")]
     assert len(lines) == 1
     cab.stick("ann", held=False)
     cab.drive(1, ("bob", 0.0, 1.0))
@@ -164,7 +164,7 @@ def test_a_crowd_of_hands_fills_nothing() -> None:
     cab.drive(1, ("ann", 1.0, 0.0))
     assert cab.status().hand == "ann"
     assert len(cab.status().waits) == 8
-    lines = [m for m in cab.said if "wants the stick" in getattr(m, "text", "")]
+    lines = [m for m in cab.published if "wants the stick" in getattr(m, "text", "")]
     assert len(lines) == 8
 
 
@@ -222,7 +222,7 @@ def test_nobody_drives_blind() -> None:
         cab.stick("ann")
         assert not claims(cab.state())  # no obstacles come, so no turn begins
     cab.stick("ann")
-    cab.hand(obstacles(replace(cab.at, number=cab.at.number - 4)))  # nor with old ones
+    cab.give(obstacles(replace(cab.at, number=cab.at.number - 4)))  # nor with old ones
     assert not claims(cab.state())
     assert claims(cab.drive(12, ("ann", 1.0, 0.0)))  # they are back, and it has stood back
 
@@ -237,7 +237,7 @@ def test_the_stop_wins_and_the_hand_is_told_by_whom() -> None:
     cab.stick("ann")
     assert not commands(cab.cycle(stop))
     assert cab.status().note == "stopped by bob"
-    assert cab.bid().reason == "stopped by bob"
+    assert cab.bid.reason == "stopped by bob"
 
 
 # How others meet it -------------------------------------------------------------------------------
@@ -245,16 +245,16 @@ def test_the_stop_wins_and_the_hand_is_told_by_whom() -> None:
 
 def goto() -> Cab:
     cab = Cab(Goto(Identity("goto-1")))
-    cab.hand(drive_to((0.3, 0.0, 0.0)))
+    cab.give(drive_to((0.3, 0.0, 0.0)))
     cab.pose = (0.29, 0.0, 0.0)  # where it bids all there is
     return cab
 
 
 def told(cab: Cab, hand: str) -> float | None:
     cab.state()
-    cab.hand(TeleopStatus(cab.at, hand))
+    cab.give(TeleopStatus(cab.at, hand))
     cab.cycle()
-    return cab.bid().utility
+    return cab.bid.utility
 
 
 def test_a_behaviour_offers_less_while_a_hand_is_on_the_stick() -> None:
@@ -263,7 +263,7 @@ def test_a_behaviour_offers_less_while_a_hand_is_on_the_stick() -> None:
     assert told(cab, "ann") == BY_HAND
     for _ in range(4):
         cab.cycle()
-    assert cab.bid().utility == 1.0  # the teleop agent is gone
+    assert cab.bid.utility == 1.0  # the teleop agent is gone
 
 
 def test_but_not_if_something_is_about_to_be_touched(monkeypatch: pytest.MonkeyPatch) -> None:

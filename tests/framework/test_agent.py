@@ -38,10 +38,12 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
-
-from .stage import NOTHING, Stage, claims, commands
+from armadico.testing.alone import Alone, claims, commands
 
 ACTION = (0.2, 0.1)
+
+
+NOTHING = (None, None, None, None)
 
 
 class Driver(Agent):
@@ -85,11 +87,11 @@ def driver() -> Driver:
 
 
 @pytest.fixture
-def stage(driver: Driver) -> Stage:
-    return Stage(driver)
+def stage(driver: Driver) -> Alone:
+    return Alone(driver)
 
 
-def test_the_cycle_in_which_everything_is_there_is_answered_in_it(stage: Stage) -> None:
+def test_the_cycle_in_which_everything_is_there_is_answered_in_it(stage: Alone) -> None:
     for _ in range(5):
         said = stage.cycle()
     command, claim = said
@@ -101,21 +103,21 @@ def test_the_cycle_in_which_everything_is_there_is_answered_in_it(stage: Stage) 
     assert claim.ballot.instance == "driver-1"
 
 
-def test_one_bid_a_cycle_however_often_the_message_comes(stage: Stage, driver: Driver) -> None:
+def test_one_bid_a_cycle_however_often_the_message_comes(stage: Alone, driver: Driver) -> None:
     stage.cycle()
     pose = Pose(stage.at, 0, 0, 0)
-    assert stage.hand(pose, pose) == []
+    assert stage.give(pose, pose) == []
     assert driver.turns == [stage.at]
 
 
-def test_no_turn_for_an_older_cycle_than_the_last(stage: Stage, driver: Driver) -> None:
+def test_no_turn_for_an_older_cycle_than_the_last(stage: Alone, driver: Driver) -> None:
     stage.cycle()
     stage.cycle()
-    stage.hand(Pose(Cycle(1, 1), 0, 0, 0))
+    stage.give(Pose(Cycle(1, 1), 0, 0, 0))
     assert driver.turns == [Cycle(1, 1), Cycle(1, 2)]
 
 
-def test_a_new_epoch_begins_turns_anew(stage: Stage, driver: Driver) -> None:
+def test_a_new_epoch_begins_turns_anew(stage: Alone, driver: Driver) -> None:
     stage.cycle(cycles=50)
     stage.epoch, stage.number = 2, 0
     stage.now += 1.0  # a new epoch is believed after a silence
@@ -123,24 +125,24 @@ def test_a_new_epoch_begins_turns_anew(stage: Stage, driver: Driver) -> None:
     assert driver.turns[-1] == Cycle(2, 1)
 
 
-def test_nobody_bids_before_the_robots_state_was_heard(stage: Stage, driver: Driver) -> None:
+def test_nobody_bids_before_the_robots_state_was_heard(stage: Alone, driver: Driver) -> None:
     stage.number = 1
-    stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
+    stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
     assert driver.turns == []
-    assert stage.said == []
+    assert stage.published == []
 
 
 def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
-    stage: Stage, driver: Driver
+    stage: Alone, driver: Driver
 ) -> None:
     stage.holding()
     turns = len(driver.turns)
     for _ in range(3):
         stage.state()
-        stage.hand(Pose(stage.at, 0, 0, 0))
+        stage.give(Pose(stage.at, 0, 0, 0))
     assert len(driver.turns) == turns + 3  # obstacles are good for three cycles
     stage.state()
-    said = stage.hand(Pose(stage.at, 0, 0, 0))
+    said = stage.give(Pose(stage.at, 0, 0, 0))
     assert len(driver.turns) == turns + 3
     assert driver.bids[-1].utility is None
     assert driver.bids[-1].reason == "no fresh sonar/obstacles"
@@ -155,47 +157,47 @@ BODY = m.Description(
 
 
 def test_of_two_sensors_one_that_falls_silent_makes_the_obstacles_stale(
-    stage: Stage, driver: Driver
+    stage: Alone, driver: Driver
 ) -> None:
     stage.cycle()
-    stage.hand(BODY)
+    stage.give(BODY)
     for _ in range(6):
         stage.state()
         laser = Obstacles(stage.at, None, None, None, None, (m.Point(1, 0),), "laser")
         sonar = Obstacles(stage.at, *NOTHING)
-        stage.hand(laser, *([sonar] if stage.number < 5 else []))
-        stage.hand(Pose(stage.at, 0, 0, 0))
+        stage.give(laser, *([sonar] if stage.number < 5 else []))
+        stage.give(Pose(stage.at, 0, 0, 0))
     around = driver.latest(Obstacles)
     assert around is not None
     assert (around.cycle.number, len(around.points)) == (4, 1)
     assert driver.bids[-2].utility is not None, "good for three cycles"
     stage.state()
-    stage.hand(Obstacles(stage.at, None, None, None, None, (), "laser"))
-    stage.hand(Pose(stage.at, 0, 0, 0))
+    stage.give(Obstacles(stage.at, None, None, None, None, (), "laser"))
+    stage.give(Pose(stage.at, 0, 0, 0))
     assert driver.bids[-1].reason == "no fresh sonar/obstacles"
 
 
-def test_nobody_bids_when_the_robot_agent_is_silent(stage: Stage, driver: Driver) -> None:
+def test_nobody_bids_when_the_robot_agent_is_silent(stage: Alone, driver: Driver) -> None:
     stage.cycle()
     stage.now += 0.31
-    stage.hand(Pose(Cycle(1, stage.number + 1), 0, 0, 0))
+    stage.give(Pose(Cycle(1, stage.number + 1), 0, 0, 0))
     assert len(driver.turns) == 1
     assert driver.bids[-1].reason == "no fresh resource/wheels/ack"
 
 
-def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Stage, driver: Driver) -> None:
+def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Alone, driver: Driver) -> None:
     stage.cycle(cycles=10)
     for number in (6, 14):
-        stage.hand(Pose(Cycle(1, number), 9, 9, 9))
+        stage.give(Pose(Cycle(1, number), 9, 9, 9))
         assert driver.latest(Pose) == Pose(Cycle(1, 10), 0, 0, 0)
-    stage.hand(Pose(Cycle(1, 13), 1, 0, 0))
+    stage.give(Pose(Cycle(1, 13), 1, 0, 0))
     assert driver.fresh(Pose) == Pose(Cycle(1, 13), 1, 0, 0)
 
 
-def test_an_older_message_does_not_take_a_newer_ones_place(stage: Stage, driver: Driver) -> None:
+def test_an_older_message_does_not_take_a_newer_ones_place(stage: Alone, driver: Driver) -> None:
     stage.cycle(cycles=10)
     newest = Pose(Cycle(1, 10), 1, 1, 1)
-    stage.hand(newest, Pose(Cycle(1, 8), 9, 9, 9))
+    stage.give(newest, Pose(Cycle(1, 8), 9, 9, 9))
     assert driver.latest(Pose) == newest
 
 
@@ -211,9 +213,9 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
 
     services.register(Service(Hum, "hum", Kind.STATE, 1, 8, "said once a second"))
     listener = Listener(Identity("listener-1"))
-    stage = Stage(listener)
+    stage = Alone(listener)
     stage.state()
-    stage.hand(Hum(stage.at), Pose(stage.at, 0, 0, 0))
+    stage.give(Hum(stage.at), Pose(stage.at, 0, 0, 0))
     stage.state(cycles=8)
     assert listener.fresh(Pose) is None
     assert listener.fresh(Hum) is not None
@@ -236,7 +238,7 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
     ids=repr,
 )
 def test_a_bid_that_is_not_sound_is_a_release_and_is_said_to_people(
-    stage: Stage, driver: Driver, bid: Bid
+    stage: Alone, driver: Driver, bid: Bid
 ) -> None:
     for _ in range(5):
         stage.cycle()
@@ -253,7 +255,7 @@ def test_a_bid_that_is_not_sound_is_a_release_and_is_said_to_people(
 
 
 def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
-    stage: Stage, driver: Driver
+    stage: Alone, driver: Driver
 ) -> None:
     driver.next = None
     stage.cycle()
@@ -266,7 +268,7 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
     assert driver.why == ""
 
 
-def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Stage, driver: Driver) -> None:
+def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Alone, driver: Driver) -> None:
     for _ in range(BIDS_REMEMBERED + 5):
         stage.cycle()
     history = driver.history()
@@ -281,7 +283,7 @@ def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Stage, driver: 
 STOPPED, RELEASED = Stop(5, True, "somebody", 9), Stop(6, False, "somebody", 9)
 
 
-def test_nobody_bids_while_the_robot_is_stopped(stage: Stage, driver: Driver) -> None:
+def test_nobody_bids_while_the_robot_is_stopped(stage: Alone, driver: Driver) -> None:
     for _ in range(5):
         stage.cycle()
     said = stage.cycle(STOPPED)
@@ -293,28 +295,28 @@ def test_nobody_bids_while_the_robot_is_stopped(stage: Stage, driver: Driver) ->
     assert commands(stage.cycle(RELEASED))
 
 
-def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Stage) -> None:
+def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Alone) -> None:
     stage.cycle(STOPPED)
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
     stage.agent.wake(stage.now + GIVE_BACK_S)
-    assert stage.take() == [STOPPED]
+    assert stage.collect() == [STOPPED]
     assert stage.cycle(STOPPED) == []
 
 
-def test_a_release_is_remembered_too(stage: Stage, driver: Driver) -> None:
+def test_a_release_is_remembered_too(stage: Alone, driver: Driver) -> None:
     stage.cycle(STOPPED)
     stage.cycle(RELEASED)
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
     assert driver.bids[-1].utility == 0.5
     stage.agent.wake(stage.now + GIVE_BACK_S)
-    assert RELEASED in stage.take()
+    assert RELEASED in stage.collect()
 
 
-def test_a_stop_counts_though_its_counter_is_smaller(stage: Stage, driver: Driver) -> None:
+def test_a_stop_counts_though_its_counter_is_smaller(stage: Alone, driver: Driver) -> None:
     stage.cycle(RELEASED)
-    stage.hand(Stop(1, True, "another", 77))
+    stage.give(Stop(1, True, "another", 77))
     assert driver.stopped == Stop(7, True, "another", 77)
     stage.cycle(Stop(7, True, "another", 77))
     assert driver.bids[-1].reason == "stopped by another"
@@ -325,13 +327,13 @@ def test_a_stop_counts_though_its_counter_is_smaller(stage: Stage, driver: Drive
 # What goes round ---------------------------------------------------------------------------------
 
 
-def test_who_has_just_started_knows_no_stop_and_gives_none_back(stage: Stage) -> None:
+def test_who_has_just_started_knows_no_stop_and_gives_none_back(stage: Alone) -> None:
     assert stage.cycle(STOPPED) == []
 
 
-def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
+def test_handlers_get_what_was_subscribed(stage: Alone, driver: Driver) -> None:
     trajectory = Trajectory(1, 3, ())
-    stage.hand(trajectory)
+    stage.give(trajectory)
     assert driver.heard == [trajectory]
     assert driver.latest(Trajectory) is trajectory
 
@@ -345,7 +347,7 @@ def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None
     assert patterns == {"resource/wheels/utility", "resource/wheels/ack"}, "its own, no others"
 
 
-def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver) -> None:
+def test_the_card_says_who_it_is_and_what_it_offers(stage: Alone, driver: Driver) -> None:
     stage.cycle()
     card = driver.card()
     assert (card.name, card.instance, card.host, card.pid, card.version) == (
@@ -410,30 +412,30 @@ def test_a_wake_up_comes_once_and_not_before_its_time(driver: Driver) -> None:
     assert driver.wakeup is None
 
 
-def test_leaving_lets_go_of_what_it_holds(stage: Stage, driver: Driver) -> None:
+def test_leaving_lets_go_of_what_it_holds(stage: Alone, driver: Driver) -> None:
     for _ in range(5):
         stage.cycle()
     driver.stop(stage.now)
-    said = stage.take()
+    said = stage.collect()
     assert [c.action for c in commands(said)] == [None]
     assert [claim.utility for claim in claims(said)] == [None]
 
 
-def test_a_claim_of_another_shape_takes_nobody_down(stage: Stage, driver: Driver) -> None:
+def test_a_claim_of_another_shape_takes_nobody_down(stage: Alone, driver: Driver) -> None:
     driver.next = Bid(0.9, ACTION)
     for _ in range(4):
         stage.state()
     rival = m.Ballot(3, 0.2, False, "rival-1")
-    stage.hand(m.Claim("wheels", rival, stage.at, 0.2, wanted=(0.1,), commanded=(0.1,)))
-    said = stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
+    stage.give(m.Claim("wheels", rival, stage.at, 0.2, wanted=(0.1,), commanded=(0.1,)))
+    said = stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
     assert [claim.ballot.term for claim in claims(said)] == [4]
     assert [len(claim.commanded) for claim in claims(said)] == [2]
 
 
-def test_a_claim_for_another_resource_is_none_of_its_business(stage: Stage, driver: Driver) -> None:
+def test_a_claim_for_another_resource_is_none_of_its_business(stage: Alone, driver: Driver) -> None:
     for _ in range(5):
         stage.cycle()
-    stage.hand(m.Claim("planner", m.Ballot(99, 1.0, True, "rival-1"), stage.at, 1.0))
+    stage.give(m.Claim("planner", m.Ballot(99, 1.0, True, "rival-1"), stage.at, 1.0))
     assert driver.holds(WHEELS)
 
 
@@ -441,15 +443,15 @@ def test_the_social_parameters_reach_the_contender() -> None:
     def takes_over(margin: float | None) -> bool:
         driver = Driver(Parameters(social=Social(exchange="abrupt", margin=margin)))
         driver.next = Bid(0.52, ACTION)
-        stage = Stage(driver)
+        stage = Alone(driver)
         for _ in range(4):
             stage.state()
-        stage.hand(
+        stage.give(
             m.Claim(
                 "wheels", m.Ballot(3, 0.5, False, "rival-1"), stage.at, 0.5, False, ACTION, ACTION
             )
         )
-        return bool(claims(stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))))
+        return bool(claims(stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))))
 
     assert takes_over(0.0)
     assert not takes_over(None)  # the wheels' own 0.05

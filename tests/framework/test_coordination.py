@@ -36,16 +36,16 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import RECONNECT
+from armadico.testing.society import RobotOwner, Society, bidder
 
 from .solo import Solo, running
-from .toys import ToyOwner, ToySociety, toy
 
 GRIP = Resource("test-grip", ("force",), (10.0,), (0.0,))
 LIFT = Resource("test-heave", ("height",), (1.0,), (0.0,), period_s=0.2)
 
 
 def test_the_most_useful_holds_and_the_others_are_silent() -> None:
-    society = ToySociety(toy("low", 0.3), toy("mid", 0.5), toy("high", 0.8))
+    society = Society(bidder("low", 0.3), bidder("mid", 0.5), bidder("high", 0.8))
     society.run(3.0)
     assert set(society.obeyed_names(since=1.0)) == {"high"}
     assert society.holders() == ["high"]
@@ -55,8 +55,8 @@ def test_the_most_useful_holds_and_the_others_are_silent() -> None:
 
 def test_talk_per_cycle_does_not_grow_with_the_losers() -> None:
     def talk(losers: int) -> int:
-        society = ToySociety(
-            toy("winner", 0.9), *(toy(f"l{i}", 0.1 + i / 200) for i in range(losers))
+        society = Society(
+            bidder("winner", 0.9), *(bidder(f"l{i}", 0.1 + i / 200) for i in range(losers))
         )
         society.run(1.0)
         said = len(society.claims) + len(society.commands)
@@ -67,16 +67,16 @@ def test_talk_per_cycle_does_not_grow_with_the_losers() -> None:
 
 
 def test_a_better_bid_is_obeyed_in_the_cycle_it_wins() -> None:
-    society = ToySociety(toy("steady", 0.5), toy("riser", lambda now: 0.2 if now < 3.0 else 0.9))
+    society = Society(bidder("steady", 0.5), bidder("riser", lambda now: 0.2 if now < 3.0 else 0.9))
     society.run(4.0)
     first = next((t, c) for t, c in society.owner.obeyed if c.ballot.instance.startswith("riser"))
     assert 3.0 <= first[0] < 3.0 + 0.1 + 0.02
 
 
 def test_two_rising_utilities_do_not_swap_each_cycle() -> None:
-    society = ToySociety(
-        toy("a", lambda now: min(0.2 + 0.02 * now, 1.0)),
-        toy("b", lambda now: min(0.21 + 0.02 * now, 1.0)),
+    society = Society(
+        bidder("a", lambda now: min(0.2 + 0.02 * now, 1.0)),
+        bidder("b", lambda now: min(0.21 + 0.02 * now, 1.0)),
     )
     society.run(20.0)
     names = society.obeyed_names(since=2.0)
@@ -85,23 +85,23 @@ def test_two_rising_utilities_do_not_swap_each_cycle() -> None:
 
 
 def test_within_the_margin_nobody_takes_over() -> None:
-    society = ToySociety(toy("a", 0.50))
+    society = Society(bidder("a", 0.50))
     society.run(1.0)
-    society.join(toy("b", lambda now: 0.52 + 0.02 * sin(now)))
+    society.join(bidder("b", lambda now: 0.52 + 0.02 * sin(now)))
     society.run(5.0)
     assert set(society.obeyed_names()) == {"a"}
 
 
 def test_at_equal_utility_a_critical_bid_goes_first() -> None:
-    society = ToySociety(toy("goer", 1.0))
+    society = Society(bidder("goer", 1.0))
     society.run(1.0)
-    society.join(toy("saver", 1.0, critical=True))
+    society.join(bidder("saver", 1.0, critical=True))
     society.run(1.0)
     assert society.holders() == ["saver"]
 
 
 def test_a_killed_holder_is_replaced_before_the_stop() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society = Society(bidder("a", 0.9), bidder("b", 0.5))
     society.run(2.0)
     society.nodes["a"].kill()
     killed = society.mesh.now
@@ -111,7 +111,7 @@ def test_a_killed_holder_is_replaced_before_the_stop() -> None:
 
 
 def test_a_hung_holder_is_replaced_and_its_late_commands_are_refused() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society = Society(bidder("a", 0.9), bidder("b", 0.5))
     society.run(2.0)
     society.nodes["a"].hang()
     hung = society.mesh.now
@@ -126,7 +126,7 @@ def test_a_hung_holder_is_replaced_and_its_late_commands_are_refused() -> None:
 
 
 def test_a_release_is_taken_up_at_once() -> None:
-    society = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else None), toy("b", 0.5))
+    society = Society(bidder("a", lambda now: 0.9 if now < 3.0 else None), bidder("b", 0.5))
     society.run(4.0)
     times = [t for t, _ in society.owner.obeyed]
     assert max(b - a for a, b in pairwise(times)) < 0.15
@@ -134,10 +134,10 @@ def test_a_release_is_taken_up_at_once() -> None:
 
 
 def test_a_bid_of_zero_offers_the_resource_and_never_takes_it() -> None:
-    society = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else 0.0), toy("b", 0.5))
+    society = Society(bidder("a", lambda now: 0.9 if now < 3.0 else 0.0), bidder("b", 0.5))
     society.run(4.0)
     assert society.holders() == ["b"]
-    alone = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else 0.0))
+    alone = Society(bidder("a", lambda now: 0.9 if now < 3.0 else 0.0))
     alone.run(4.0)
     assert alone.holders() == []
     assert alone.owner.does["wheels"] == (0.0, 0.0)
@@ -145,8 +145,8 @@ def test_a_bid_of_zero_offers_the_resource_and_never_takes_it() -> None:
 
 
 def test_one_agent_twice_settles_it_as_any_two_do() -> None:
-    kind = toy("twin", 0.7)
-    society = ToySociety(kind)
+    kind = bidder("twin", 0.7)
+    society = Society(kind)
     society.run(0.05)
     society.mesh.add(kind(society.mesh.identity("twin", 1)), admit=False)
     society.run(3.0)
@@ -154,7 +154,7 @@ def test_one_agent_twice_settles_it_as_any_two_do() -> None:
 
 
 def test_a_stop_ends_the_reign_and_a_release_begins_another() -> None:
-    society = ToySociety(toy("a", 0.9))
+    society = Society(bidder("a", 0.9))
     society.run(1.0)
     society.mesh.publish(Stop(1, True, "tester", 1))
     society.run(1.0)
@@ -168,14 +168,14 @@ def test_a_stop_ends_the_reign_and_a_release_begins_another() -> None:
 
 
 def test_a_restarted_owner_takes_the_stop_over_from_the_others() -> None:
-    society = ToySociety(toy("a", 0.9))
+    society = Society(bidder("a", 0.9))
     society.run(1.0)
     society.mesh.publish(Stop(1, True, "tester", 1))
     society.run(1.0)
     society.nodes["robot"].kill()
     society.run(0.5)
     society.nodes["robot"] = society.mesh.add(
-        ToyOwner(society.mesh.identity("robot", 1)), admit=False
+        RobotOwner(society.mesh.identity("robot", 1)), admit=False
     )
     society.run(2.0)
     assert society.owner.stopped is not None
@@ -183,12 +183,12 @@ def test_a_restarted_owner_takes_the_stop_over_from_the_others() -> None:
 
 
 def test_a_restarted_owner_listens_before_it_obeys_and_goes_on_with_the_same_holder() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.4))
+    society = Society(bidder("a", 0.9), bidder("b", 0.4))
     society.run(2.0)
     society.nodes["robot"].kill()
     society.run(0.5)
     society.nodes["robot"] = society.mesh.add(
-        ToyOwner(society.mesh.identity("robot", 1)), admit=False
+        RobotOwner(society.mesh.identity("robot", 1)), admit=False
     )
     society.run(3.0)
     assert society.owner.obeyed[0][1].cycle.number >= 4
@@ -197,8 +197,8 @@ def test_a_restarted_owner_listens_before_it_obeys_and_goes_on_with_the_same_hol
 
 
 def test_a_restarted_lone_agent_starts_from_the_ack() -> None:
-    kind = toy("a", 0.9)
-    society = ToySociety(kind)
+    kind = bidder("a", 0.9)
+    society = Society(kind)
     society.run(2.0)
     society.nodes["a"].kill()
     society.run(1.0)
@@ -210,8 +210,8 @@ def test_a_restarted_lone_agent_starts_from_the_ack() -> None:
 
 
 def test_a_holder_nobody_obeys_stands_back_for_longer_each_time() -> None:
-    society = ToySociety(toy("sane", 0.5))
-    society.join(toy("mute", 0.9, action=(9.0, 0.0)), exchange="abrupt")
+    society = Society(bidder("sane", 0.5))
+    society.join(bidder("mute", 0.9, action=(9.0, 0.0)), exchange="abrupt")
     society.run(10.0)
     assert "sane" in society.obeyed_names()
     casts = sorted({c.ballot: t for t, c in society.claims if c.ballot.instance[0] == "m"}.values())
@@ -219,7 +219,7 @@ def test_a_holder_nobody_obeys_stands_back_for_longer_each_time() -> None:
 
 
 def test_a_beaten_holder_yields_when_it_hears_the_larger_ballot_of_its_term() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.8))
+    society = Society(bidder("a", 0.9), bidder("b", 0.8))
     society.mesh.link("a", "b").up = False
     society.mesh.link("b", "a").up = False
     society.run(2.0)
@@ -230,7 +230,7 @@ def test_a_beaten_holder_yields_when_it_hears_the_larger_ballot_of_its_term() ->
 
 
 def test_an_absurd_term_is_refused() -> None:
-    society = ToySociety(toy("a", 0.9))
+    society = Society(bidder("a", 0.9))
     society.run(1.0)
     cycle = society.owner.cycles.newest
     assert cycle is not None
@@ -265,9 +265,9 @@ def test_beats_is_by_margin_or_by_being_critical() -> None:
 
 
 def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None:
-    society = ToySociety(toy("a", 0.5))
+    society = Society(bidder("a", 0.5))
     society.run(1.0)
-    sleeper = society.join(toy("b", 0.5))
+    sleeper = society.join(bidder("b", 0.5))
     society.run(1.0)
     sleeper.hang()
     society.run(2.0)
@@ -279,7 +279,7 @@ def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None
 
 
 def test_who_comes_back_after_a_long_hang_is_not_put_off_by_the_cycles_it_missed() -> None:
-    society = ToySociety(toy("a", 0.9))
+    society = Society(bidder("a", 0.9))
     society.run(2.0)
     society.nodes["a"].hang()
     society.run(3.0)
@@ -291,8 +291,8 @@ def test_who_comes_back_after_a_long_hang_is_not_put_off_by_the_cycles_it_missed
 
 
 def test_what_a_holder_commanded_that_died_long_ago_is_not_where_an_exchange_begins() -> None:
-    late = toy("b", lambda now: 0.5 if now > 6.0 else None, action=(0.2, 0.0))
-    society = ToySociety(toy("a", 0.9, action=(1.0, 0.0)), late)
+    late = bidder("b", lambda now: 0.5 if now > 6.0 else None, action=(0.2, 0.0))
+    society = Society(bidder("a", 0.9, action=(1.0, 0.0)), late)
     society.run(2.0)
     society.nodes["a"].kill()
     society.run(3.0)
@@ -315,17 +315,17 @@ def test_a_late_claim_of_an_older_cycle_deposes_nobody_who_is_better_by_now() ->
 
 
 def test_who_cannot_hear_the_holder_compares_by_the_ack() -> None:
-    a = toy("a", 0.5, critical=False)
-    society = ToySociety(a)
+    a = bidder("a", 0.5, critical=False)
+    society = Society(a)
     society.run(1.0)
     society.mesh.link("a", "b").up = False
-    society.join(toy("b", 0.9))
+    society.join(bidder("b", 0.9))
     society.run(1.0)
     assert set(society.obeyed_names(since=society.mesh.now - 0.3)) == {"b"}
 
 
 def test_a_token_that_a_cut_hides_deposes_nobody_who_is_obeyed() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.3))
+    society = Society(bidder("a", 0.9), bidder("b", 0.3))
     society.run(2.0)
     society.mesh.cut(["a"], ["b"], lease=True)
     society.mesh.cut(["b"], ["a"], lease=True)
@@ -335,7 +335,7 @@ def test_a_token_that_a_cut_hides_deposes_nobody_who_is_obeyed() -> None:
 
 
 def test_one_huge_term_ends_nobody() -> None:
-    society = ToySociety(toy("a", lambda now: 0.9 if now > 3.0 else None))
+    society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
     cycle = society.owner.cycles.newest
     assert cycle is not None
@@ -348,7 +348,7 @@ def test_one_huge_term_ends_nobody() -> None:
 
 
 def test_who_has_counted_farther_than_the_owner_believes_comes_back_to_its_word() -> None:
-    society = ToySociety(toy("a", lambda now: 0.9 if now > 3.0 else None))
+    society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
     contender = society.mesh.node("a").agent._contenders["wheels"]
     contender.largest = Ballot(3 * JUMP, 1.0, True, "forger-1")
@@ -358,7 +358,7 @@ def test_who_has_counted_farther_than_the_owner_believes_comes_back_to_its_word(
 
 
 def test_a_newcomer_takes_the_owners_word_for_how_far_others_have_counted() -> None:
-    society = ToySociety(toy("a", lambda now: 0.9 if now > 3.0 else None))
+    society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
     society.owner.owner(WHEELS).largest = Ballot(3 * JUMP, 1.0, True, "forger-1")
     society.run(4.0)
@@ -366,7 +366,7 @@ def test_a_newcomer_takes_the_owners_word_for_how_far_others_have_counted() -> N
 
 
 def test_an_owner_that_starts_anew_is_obeyed_though_all_have_counted_far() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society = Society(bidder("a", 0.9), bidder("b", 0.5))
     society.run(1.0)
     society.owner.owner(WHEELS).largest = Ballot(3 * JUMP, 0.1, False, "forger-1")
     society.run(4.0)
@@ -382,7 +382,7 @@ def test_a_tenure_of_a_cycle_that_never_was_is_let_go_of_and_somebody_is_obeyed(
     other: float,
 ) -> None:
     """The owner hangs, and one state far ahead of it is believed by all."""
-    society = ToySociety(toy("a", 0.8), toy("b", lambda now: other if now > 2.0 else None))
+    society = Society(bidder("a", 0.8), bidder("b", lambda now: other if now > 2.0 else None))
     society.run(1.0)
     cycle, robot = society.owner.cycles.newest, society.nodes["robot"]
     assert cycle is not None
@@ -410,7 +410,7 @@ def test_a_resource_that_is_not_the_robots_is_driven_on_after_a_cycle_that_never
         name = "gripper"
         owns = (grip,)
 
-    society = ToySociety(toy("a", 0.8, competes_for=(grip,), action=(1.0,)))
+    society = Society(bidder("a", 0.8, competes_for=(grip,), action=(1.0,)))
     gripper = society.join(Gripper)
     society.run(2.5)
     owner, node = gripper.agent.owner(grip), society.nodes[hangs]
@@ -522,23 +522,23 @@ def test_messages_are_not_braked_and_numbers_that_do_not_fit_are_neutral() -> No
 
 def test_many_who_may_take_over_at_once_do_not_all_speak() -> None:
     count = 40
-    society = ToySociety(*(toy(f"a{i}", 0.5) for i in range(count)))
+    society = Society(*(bidder(f"a{i}", 0.5) for i in range(count)))
     society.run(2.0)
     speakers = {c.ballot.instance for t, c in society.claims}
     assert len(speakers) < count / 4
 
 
 def test_an_exchange_begins_from_what_the_loser_commanded() -> None:
-    society = ToySociety(toy("a", 0.4, action=(0.8, 0.0)))
+    society = Society(bidder("a", 0.4, action=(0.8, 0.0)))
     society.run(2.0)
-    society.join(toy("b", 0.9, action=(0.0, 0.0)))
+    society.join(bidder("b", 0.9, action=(0.0, 0.0)))
     society.run(1.0)
     first = next(c.action[0] for t, c in society.owner.obeyed if c.ballot.instance[0] == "b")
     assert 0.3 < first < 0.8
 
 
 def test_silence_is_noticed_before_the_owner_stops() -> None:
-    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society = Society(bidder("a", 0.9), bidder("b", 0.5))
     society.run(2.0)
     for phase in range(8):
         society.run(0.0125 * phase)

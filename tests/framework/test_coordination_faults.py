@@ -13,8 +13,7 @@ from armadico.core.cycles import PERIOD
 from armadico.core.resources import WHEELS
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import VirtualMesh
-
-from .toys import Toy, ToyOwner, ToySociety, toy
+from armadico.testing.society import Bidder, RobotOwner, Society, bidder
 
 HEALED_S = 5.0
 """A holder that was not obeyed stands back for up to 4 s; everything else takes 2."""
@@ -51,8 +50,8 @@ class Faulty:
     """A toy society with a list of faults, and everything that was obeyed."""
 
     def __init__(self, contenders: int, plan: list[Fault], seed: int) -> None:
-        self.kinds = [toy(f"a{i}", _wave(i, contenders)) for i in range(contenders)]
-        self.society = ToySociety(*self.kinds, seed=seed)
+        self.kinds = [bidder(f"a{i}", _wave(i, contenders)) for i in range(contenders)]
+        self.society = Society(*self.kinds, seed=seed)
         self.names = ["robot", *(kind.name for kind in self.kinds)]
         self.owners = [self.society.owner]
         self.starts = dict.fromkeys(self.names, 0)
@@ -104,7 +103,7 @@ class Faulty:
     def revive(self, name: str) -> None:
         self.starts[name] += 1
         if name == "robot":
-            owner = ToyOwner(self.society.mesh.identity("robot", self.starts[name]))
+            owner = RobotOwner(self.society.mesh.identity("robot", self.starts[name]))
             self.owners.append(owner)
             self.society.nodes["robot"] = self.society.mesh.add(owner, admit=False)
         else:
@@ -121,7 +120,7 @@ def _holders(mesh: VirtualMesh) -> list[str]:
     return [
         node.name
         for node in mesh.nodes
-        if node.alive and isinstance(node.agent, Toy) and node.agent.holds(WHEELS)
+        if node.alive and isinstance(node.agent, Bidder) and node.agent.holds(WHEELS)
     ]
 
 

@@ -31,9 +31,9 @@ from armadico.core.messages import (
 from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mobile.messages import Waypoint
+from armadico.testing.society import Bidder, RobotOwner, Society, bidder
 
 from .robots import described
-from .toys import Toy, ToyOwner, ToySociety, toy
 
 Utility = Callable[[float], float | None]
 
@@ -119,7 +119,7 @@ class World:
         )
         self.nodes: dict[str, Node] = {}
         if robot:
-            self.join(ToyOwner)
+            self.join(RobotOwner)
             self.run(0.5)
         for kind in kinds:
             self.join(kind)
@@ -296,7 +296,7 @@ def square(phase: int) -> Utility:
 
 def test_the_wheels_are_not_disturbed_by_another_resource() -> None:
     """However large the other's ballots grow."""
-    wave = toy("a", 0.9), toy("b", 0.5)
+    wave = bidder("a", 0.9), bidder("b", 0.5)
     turns = (hand("even", square(0), GRIPPER), hand("odd", square(1), GRIPPER))
     world = World(*wave, arm(GRIPPER), *turns).run(30.0)
     grip = world.of(Claim, GRIPPER)
@@ -358,7 +358,7 @@ def test_an_owner_that_restarts_is_followed() -> None:
 # Robots at other rates ----------------------------------------------------------------------------
 
 
-class FastOwner(ToyOwner):
+class FastOwner(RobotOwner):
     """A robot of another rate, which it describes."""
 
     cycle_s: ClassVar[float] = 0.05
@@ -383,14 +383,14 @@ def _body() -> tuple[float, ...]:
     )
 
 
-def at_rate(cycle_s: float, *contenders: type[Toy], seed: int = 1) -> World:
+def at_rate(cycle_s: float, *contenders: type[Bidder], seed: int = 1) -> World:
     owner = type("Owner", (FastOwner,), {"cycle_s": cycle_s})
     return World(owner, *contenders, robot=False, seed=seed)
 
 
 @pytest.mark.parametrize("cycle_s", [0.1, 0.05, 0.02])
 def test_take_over_times_scale_with_the_robots_cycle(cycle_s: float) -> None:
-    world = at_rate(cycle_s, toy("a", 0.9), toy("b", 0.5)).run(2.0)
+    world = at_rate(cycle_s, bidder("a", 0.9), bidder("b", 0.5)).run(2.0)
     robot = world.agent("robot")
     times = [at for at, _ in robot.obeyed]
     assert times[-1] - times[-11] == pytest.approx(10 * cycle_s, rel=0.05)
@@ -569,7 +569,7 @@ def test_a_claim_or_ack_of_another_resource_on_a_key_is_refused() -> None:
 
 def test_a_second_resource_of_the_same_society_in_the_toy_society() -> None:
     """The wheels' toys and a gripper's in one namespace, with a killed robot agent."""
-    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society = Society(bidder("a", 0.9), bidder("b", 0.5))
     society.join(arm(GRIPPER))
     society.join(hand("claw", 0.7, GRIPPER))
     society.run(2.0)
@@ -579,7 +579,7 @@ def test_a_second_resource_of_the_same_society_in_the_toy_society() -> None:
     assert isinstance(grip, ToyArm)
     assert grip.rests, "the gripper has the robot's cycles: without them it rests"
     society.nodes["robot"] = society.mesh.add(
-        ToyOwner(society.mesh.identity("robot", 1)), admit=False
+        RobotOwner(society.mesh.identity("robot", 1)), admit=False
     )
     society.run(3.0)
     assert grip.obeyed[-1][0] > society.mesh.now - 0.2

@@ -1,0 +1,199 @@
+"""An agent alone: it is given what each cycle brings, and what it publishes is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, degrees, hypot, radians
+from typing import Final
+
+from armadico.core.agent import Agent, Publish
+from armadico.core.coordination import DRAW
+from armadico.core.messages import (
+    Ack,
+    BidRecord,
+    Claim,
+    Command,
+    Cycle,
+    Description,
+    Message,
+    Point,
+    RobotState,
+    Stop,
+)
+from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Pose, Trajectory, Waypoint
+from armadico.mobile.obstacles import Obstacles
+
+PERIOD = 0.1
+
+NO_STOP = Stop()
+
+
+PIONEER: Final = Description(
+    robot="pioneer-2dx",
+    cycle_s=PERIOD,
+    front=0.21,
+    rear=0.23,
+    half_width=0.165,
+    v_max=1.6,
+    w_max=5.2,
+    v_accel=0.3,
+    v_decel=0.6,
+    w_accel=1.745,
+    w_decel=1.745,
+    silence_s=3 * PERIOD,
+    watchdog_s=2.0,
+    sensors=("sonar",),
+    cone=radians(30.0),
+    nearest=0.1,
+)
+"""The body and the limits of a Pioneer 2 DX, with sonars."""
+
+
+class Alone:
+    """Gives an agent the messages of a robot's cycles, and keeps what it publishes.
+
+    The robot obeys the agent at once, and stays where `pose` has it.
+
+    Attributes:
+        agent: The agent.
+        number: The number of the robot's cycle.
+        now: The time, s.
+        pose: Where the robot is: m, m, rad in the world.
+        off_m: How far the pose may be off, m; 0: it has no covariance.
+        speed: How the wheels turn, m/s and rad/s.
+        stalled: Whether something holds the robot.
+        published: All that the agent has published.
+    """
+
+    def __init__(self, agent: Agent, epoch: int = 1, robot: Description | None = PIONEER) -> None:
+        """Describe the robot to it, if it listens.
+
+        Args:
+            agent: One that has not begun.
+            epoch: Of the robot's cycles.
+            robot: Which robot; None: it is not described.
+        """
+        self.agent = agent
+        self.epoch = epoch
+        self.number = 0
+        self.now = 0.0
+        self.pose = (0.0, 0.0, 0.0)
+        self.off_m = 0.0
+        self.speed = (0.0, 0.0)
+        self.stalled = False
+        self.published: list[Message] = []
+        if robot and any(each.message is Description for each in agent.subscriptions()):
+            self.give(robot)
+
+    @property
+    def at(self) -> Cycle:
+        """The cycle that the robot is at."""
+        return Cycle(self.epoch, self.number)
+
+    @property
+    def bid(self) -> BidRecord:
+        """Its last bid, or its reason for none."""
+        return self.agent.bids[-1]
+
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """What it last commanded of the wheels, m/s and rad/s; rest, if it has released them."""
+        sent = commands(self.published)
+        action = sent[-1].action if sent else None
+        return (0.0, 0.0) if action is None else WHEELS.unpack(action)
+
+    def give(self, *messages: Message) -> list[Message]:
+        """Hand it messages, one after another. Returns what it publishes at that."""
+        for message in messages:
+            self.agent.receive(message, self.now)
+        return self.collect()
+
+    def collect(self) -> list[Message]:
+        """What it has published since."""
+        found = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
+        self.agent.outbox.clear()
+        self.published += found
+        return found
+
+    def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
+        """Let so many cycles pass, and give it the robot's state and its ack."""
+        self.number += cycles
+        self.now += PERIOD * cycles
+        v, w = self.speed
+        state = RobotState(self.at, 0, 0, 0, v, w, 12, True, self.stalled, stop)
+        return self.give(state, self.ack())
+
+    def ack(self) -> Ack:
+        """The robot agent's ack: it obeys the agent's last command."""
+        last = next((c for c in reversed(self.published) if isinstance(c, Command)), None)
+        if last is None:
+            return Ack("wheels", self.at, measured=self.speed)
+        claimed = next((c for c in reversed(self.published) if isinstance(c, Claim)), None)
+        rank = (0.0, False)
+        if claimed is not None and claimed.utility is not None:
+            rank = (claimed.utility, claimed.critical)
+        obeyed = None if last.action is None else last.ballot
+        return Ack("wheels", self.at, last.ballot, obeyed, last.cycle, *rank, self.speed)
+
+    def cycle(
+        self, stop: Stop = NO_STOP, *, cycles: int = 1, points: Iterable[Point] = ()
+    ) -> list[Message]:
+        """The same, and a pose and obstacles; what the agent reacts to comes last."""
+        found = self.state(stop, cycles=cycles)
+        brought = [obstacles(self.at, *points), Pose(self.at, *self.pose, covariance(self.off_m))]
+        brought.sort(key=lambda message: type(message) is self.agent.reacts_to)
+        return found + self.give(*brought) + self._settle()
+
+    def _settle(self) -> list[Message]:
+        """Let its random delay pass, if it is about to take the resource over."""
+        for contender in self.agent._contenders.values():
+            due = contender.wakeup
+            if due is not None and due <= self.now + DRAW * PERIOD:
+                self.agent.wake(due)
+        return self.collect()
+
+    def holding(self, *, points: Iterable[Point] = ()) -> list[Message]:
+        """Cycles until it holds the resource, which nobody else wants. Returns the last one's."""
+        points = tuple(points)
+        for _ in range(4):
+            found = self.cycle(points=points)
+        assert claims(found), "it has no bid"
+        return found
+
+
+def covariance(off_m: float) -> tuple[float, ...]:
+    """Of a pose that may be so far off, m."""
+    return (off_m**2 / 2, 0.0, 0.0, off_m**2 / 2, 0.0, 0.0) if off_m else ()
+
+
+def obstacles(cycle: Cycle, *points: Point) -> Obstacles:
+    """The obstacles at these points (body frame, m), with the nearest of each side (3.4.2)."""
+    near = sorted(points, key=lambda p: hypot(p.x, p.y))
+
+    def first(low: float, high: float) -> Point | None:
+        return next((p for p in near if low <= degrees(atan2(p.y, p.x)) < high), None)
+
+    closest = near[0] if near else None
+    return Obstacles(cycle, closest, first(-40, 40), first(40, 120), first(-120, -40), points)
+
+
+def drive_to(*waypoints: tuple[float, float, float], mission: int = 1) -> Trajectory:
+    """A trajectory from the origin over these poses: m, m, rad."""
+    return Trajectory(1, mission, tuple(Waypoint(*pose) for pose in waypoints))
+
+
+def wall(x: float, low: float, high: float, step: float = 0.1) -> list[Point]:
+    """Points across the way at `x`, from y `low` to `high`, m."""
+    count = round((high - low) / step)
+    return [Point(x, low + (high - low) * n / count) for n in range(count + 1)]
+
+
+def commands(messages: Iterable[Message]) -> list[Command]:
+    """The commands among them."""
+    return [message for message in messages if isinstance(message, Command)]
+
+
+def claims(messages: Iterable[Message]) -> list[Claim]:
+    """The claims among them."""
+    return [message for message in messages if isinstance(message, Claim)]

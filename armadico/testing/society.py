@@ -1,0 +1,187 @@
+"""A small society on the virtual mesh: an owner of the wheels, and agents that bid for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar, cast
+
+import msgspec
+
+from armadico.core.agent import Agent, Identity, Parameters, Subscription
+from armadico.core.coordination import Owner, Verdict
+from armadico.core.cycles import PERIOD, CycleCounter
+from armadico.core.exchange import Bid
+from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState, Stop
+from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.virtual import Node, VirtualMesh
+
+Utility = Callable[[float], float | None]
+"""A utility by the time, s; None: no bid."""
+
+
+class ResourceOwner(Agent):
+    """Owns resources that do at once what is commanded, and keeps its verdicts.
+
+    Attributes:
+        does: By resource, the action that it does.
+        obeyed: The commands that it obeyed, and when, s.
+        refused: Those that it refused, when, and why.
+        rests: When a resource went back to rest, s.
+    """
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.does = {resource.name: resource.neutral for resource in self.owns}
+        self.obeyed: list[tuple[float, Command]] = []
+        self.refused: list[tuple[float, Command, Verdict]] = []
+        self.rests: list[float] = []
+        for resource in self.owns:
+            self._keep_verdicts(self.owner(resource))
+
+    def _keep_verdicts(self, owner: Owner) -> None:
+        judge = owner.judge
+
+        def judged(command: Command, now: float, **about: Any) -> Verdict:
+            verdict = judge(command, now, **about)
+            self.judged(command, verdict)
+            return verdict
+
+        vars(owner)["judge"] = judged
+
+    def judged(self, command: Command, verdict: Verdict) -> None:
+        """Called with the verdict on each command."""
+        if verdict is Verdict.OBEYED:
+            self.obeyed.append((self.now, command))
+        elif verdict is not Verdict.RELEASED:
+            self.refused.append((self.now, command, verdict))
+
+    def obey(self, resource: Resource, action: Any) -> None:
+        """The action is reached at once."""
+        self.does[resource.name] = action
+
+    def rest(self, resource: Resource) -> None:
+        """Back to the neutral action at once."""
+        self.does[resource.name] = resource.neutral
+        self.rests.append(self.now)
+
+    def measure(self, resource: Resource) -> Any:
+        """The last action that it obeyed."""
+        return self.does[resource.name]
+
+
+class RobotOwner(ResourceOwner):
+    """A robot agent without a robot: it makes the cycles, as status packets would."""
+
+    name = "robot"
+    owns = (WHEELS,)
+    describes: ClassVar[Description | None] = None
+    """The robot that it describes once a second; None: it describes none."""
+    provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
+    fastest: ClassVar[float] = 2.0
+    """A faster command is refused, m/s."""
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.counter = CycleCounter(self.rng.getrandbits(63), PERIOD)
+
+    @classmethod
+    def subscriptions(cls) -> tuple[Subscription, ...]:
+        return tuple(s for s in super().subscriptions() if s.message not in cls.provides)
+
+    def on_start(self) -> None:
+        self.on_wakeup()
+
+    def on_wakeup(self) -> None:
+        """One cycle: the state, then the ack."""
+        self.wake_at(self.now + PERIOD)
+        cycle = self.counter.next(self.now)
+        self.cycles.advance(cycle, self.now)
+        self.tenure += 1
+        v, w = self.does["wheels"]
+        stop = self.memory.newest(Stop) or Stop()
+        self.publish(RobotState(cycle, 0.0, 0.0, 0.0, v, w, 12.0, True, False, stop))
+        self.acknowledge()
+        if self.describes is not None and cycle.number % 10 == 1:
+            self.publish(self.describes)
+
+    def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
+        return "" if abs(action[0]) < self.fastest else "too fast"
+
+
+class Bidder(Agent):
+    """Bids each cycle what a function of the time gives. `bidder` makes a class of it."""
+
+    reacts_to = Ack
+    needs = (RobotState,)
+    competes_for = (WHEELS,)
+    utility: ClassVar[Any] = None
+    action: ClassVar[tuple[float, float]] = (0.5, 0.0)
+    critical: ClassVar[bool] = False
+    every: ClassVar[int] = 1
+    """It bids in each so many cycles."""
+
+    def bid(self, message: Any) -> Bid | None:
+        if message.cycle.number % self.every:
+            return None
+        utility = type(self).utility(self.now)
+        return None if utility is None else Bid(utility, self.action, self.critical)
+
+
+def bidder(name: str, utility: Utility | float, **attributes: Any) -> type[Bidder]:
+    """A class of agent that bids a utility, fixed or by the time; attributes as in `Bidder`."""
+    function = utility if callable(utility) else lambda _now: utility
+    return type(
+        name.title(), (Bidder,), {"name": name, "utility": staticmethod(function), **attributes}
+    )
+
+
+class Society:
+    """An owner of the wheels and agents on a virtual mesh, from one seed.
+
+    Attributes:
+        mesh: The virtual mesh.
+        claims: Every claim that was published, and when, s.
+        commands: Every command, and when, s.
+        nodes: The agents on the mesh, by name.
+    """
+
+    def __init__(self, *agents: type[Agent], seed: int = 1, start: float = 0.5) -> None:
+        """The owner begins, and `start` seconds later the agents join."""
+        self.mesh = VirtualMesh(seed)
+        self.claims: list[tuple[float, Claim]] = []
+        self.commands: list[tuple[float, Command]] = []
+        self.mesh.watch(lambda _k, c, t: self.claims.append((t, cast("Claim", c))), Claim)
+        self.mesh.watch(lambda _k, c, t: self.commands.append((t, cast("Command", c))), Command)
+        self.nodes: dict[str, Node] = {
+            "robot": self.mesh.add(RobotOwner(self.mesh.identity("robot")), admit=False)
+        }
+        self.mesh.run(start)
+        for kind in agents:
+            self.join(kind)
+
+    def join(self, kind: type[Agent], start: int = 0, exchange: str = "smooth") -> Node:
+        """An agent joins, as the `start`-th instance of its name."""
+        parameters = msgspec.convert({"social": {"exchange": exchange}}, Parameters)
+        node = self.mesh.add(kind(self.mesh.identity(kind.name, start), parameters), admit=False)
+        self.nodes[kind.name] = node
+        return node
+
+    @property
+    def owner(self) -> RobotOwner:
+        """The owner of the wheels."""
+        agent = self.nodes["robot"].agent
+        assert isinstance(agent, RobotOwner)
+        return agent
+
+    def run(self, seconds: float) -> None:
+        """Let so much time pass, s."""
+        self.mesh.run(self.mesh.now + seconds)
+
+    def obeyed_names(self, since: float = 0.0) -> list[str]:
+        """The agents whose commands were obeyed, one entry a command, from a time on, s."""
+        return [c.ballot.instance.rsplit("-", 1)[0] for t, c in self.owner.obeyed if t >= since]
+
+    def holders(self) -> list[str]:
+        """The agents that hold the wheels now."""
+        competing = (n for n in self.nodes.values() if WHEELS in n.agent.competes_for)
+        return [node.name for node in competing if node.agent.holds(WHEELS)]
