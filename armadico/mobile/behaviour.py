@@ -165,7 +165,7 @@ class Behaviour(Agent):
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
         """Follow the route, and propose; a hand on the stick goes first, if nothing is critical."""
         bid = self._proposed()
-        if bid is None or bid.critical or bid.utility <= BY_HAND or not driven_by(self):
+        if not driven_by(self) or bid is None or bid.critical or bid.utility <= BY_HAND:
             return bid
         return replace(bid, utility=BY_HAND)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from armadico.core.messages import BidHistory, BidRecord, MessageError
 from armadico.observe.recorder import REFUSED, McapFile
-from armadico.observe.recordings import KINDS, RecordingError, Row, Warn, rows
+from armadico.observe.recordings import RecordingError, Row, Warn, kinds, rows
 from armadico.observe.translators import Translator, translator
 from armadico.observe.watching import json_schema
 
@@ -68,7 +68,7 @@ class Tables:
             (self.folder / name).open("w", newline="", encoding="utf-8")
         )
         writer = csv.writer(stream)
-        kind = KINDS.get(row.schema)
+        kind = kinds().get(row.schema)
         columns = (
             list(_columns(json_schema(kind))) if kind else [name for name, _ in _flat(row.fields)]
         )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import count, groupby
 from operator import itemgetter
 from pathlib import Path
@@ -17,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct
 
-from armadico.core import messages
 from armadico.core.messages import PROTOCOL, JournalPiece, Message, decode
+from armadico.core.services import message_types
 from armadico.observe.journals import JOURNAL, Journal, Pieces, without
 from armadico.observe.recorder import PROFILE, SCHEMA_PREFIX, Here, part
 from armadico.observe.watching import from_object
@@ -26,12 +27,13 @@ from armadico.observe.watching import from_object
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
-KINDS: Final[dict[str, type[Struct]]] = {
-    SCHEMA_PREFIX + kind.__name__: kind
-    for kind in (*vars(messages).values(), Here)
-    if isinstance(kind, type) and (issubclass(kind, Message) or kind is Here)
-}
-"""The types that a schema's name stands for."""
+
+@cache
+def kinds() -> dict[str, type[Struct]]:
+    """The types that the names of schemas stand for: every message that is installed."""
+    types: tuple[type[Struct], ...] = (*message_types(), Here)
+    return {SCHEMA_PREFIX + kind.__name__: kind for kind in types}
+
 
 HERE: Final = SCHEMA_PREFIX + Here.__name__
 
@@ -90,7 +92,7 @@ class Row:
     @property
     def message(self) -> Message | None:
         """The message; None for what is none. Raises MessageError if it does not fit its type."""
-        kind = KINDS.get(self.schema)
+        kind = kinds().get(self.schema)
         if kind is None or not issubclass(kind, Message):
             return None
         return from_object(kind, self.fields)

@@ -14,7 +14,8 @@ from armadico.core.agent import Agent
 from armadico.runtime.errors import AgentFailedError, SocietyError
 
 FRAMEWORK: Final = tuple(
-    f"armadico.{room}." for room in ("core", "mesh", "runtime", "launch", "cli", "observe")
+    f"armadico.{room}."
+    for room in ("core", "mobile", "mesh", "runtime", "launch", "cli", "observe")
 )
 """What calls an agent: of no use to whoever looks for the fault in it."""
 

@@ -1,14 +1,10 @@
 """What an agent is tested with: alone, or in a small society under a virtual clock.
 
-    from armadico.testing import Alone, obstacles
-    from armadico import Point
-
-    def test_it_keeps_off_a_wall():
-        alone = Alone(Wander(Identity("wander-1")))
-        alone.holding()                              # cycles until it has the wheels
-        alone.cycle(points=[Point(0.5, 0.0)])        # a wall 0.5 m ahead
-        v, _ = alone.commanded
-        assert v == 0.0
+    alone = Alone(Careful(Identity("careful-1")))
+    alone.give(drive_to((4.0, 0.0, 0.0)))      # a trajectory: m, m, rad
+    alone.holding()                            # cycles until it has the wheels
+    alone.cycle(points=[Point(0.3, 0.0)])      # something 0.3 m ahead of the axle
+    assert alone.commanded[0] < 0.1            # m/s
 
 No process, no network and no waiting: messages and the time go in, messages come out.
 """

@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
-from armadico.agents.localization import reflectors, sonar_model
+from armadico.agents.localization import reflectors
 from armadico.agents.localization.global_search import Alternative, Place, Search, anywhere
 from armadico.agents.localization.localization import (
     LASER,
@@ -23,6 +23,7 @@ from armadico.agents.localization.localization import (
     Localization,
     Parameters,
     as_fired,
+    sonar_model,
 )
 from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.localization.reflectors import WALL

@@ -25,7 +25,8 @@ from armadico.bridge.robot import Robot
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
-from armadico.core.messages import Message, Pose
+from armadico.core.messages import Message
+from armadico.mobile.messages import Pose
 from armadico.core.resources import WHEELS
 
 

@@ -16,7 +16,7 @@ from armadico.agents.missions.messages import Alarm, Board, MissionEnd, Photo, S
 from armadico.core.messages import Ack, Claim, Message, RobotState, encode
 from armadico.mobile.messages import Pose, Truth
 from armadico.observe.recorder import Recording
-from armadico.observe.recordings import HERE, KINDS, rows
+from armadico.observe.recordings import HERE, kinds, rows
 from armadico.observe.watching import Heard
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.real_recording import check, observations
@@ -70,7 +70,7 @@ def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
     assert len(who) >= 15
 
     def all_of(kind: type[M]) -> list[M]:
-        said = (row.message for row in read if KINDS.get(row.schema) is kind)
+        said = (row.message for row in read if kinds().get(row.schema) is kind)
         return [message for message in said if isinstance(message, kind)]
 
     missions = {mission.name: mission for mission in all_of(Board)[-1].missions}

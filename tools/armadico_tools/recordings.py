@@ -31,7 +31,7 @@ from armadico.mobile.messages import Correction, LocalMap, Particles, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.journals import JOURNAL
 from armadico.observe.recorder import PROFILE, McapFile
-from armadico.observe.recordings import KINDS, Row, rows
+from armadico.observe.recordings import Row, kinds, rows
 from armadico.observe.virtual_recording import Recorded
 
 SHIPPED: Final = Path(__file__).resolve().parents[2] / "tests" / "recordings" / "sc4.mcap"
@@ -70,7 +70,7 @@ def copy(source: Path, path: Path, kept: Callable[[Row], bool], about: Mapping[s
     file = McapFile(path, {PROFILE: about})
     for row in rows(source, options.say):
         if kept(row):
-            file.add(row.namespace, row.key, KINDS.get(row.schema), row.data, row.t)
+            file.add(row.namespace, row.key, kinds().get(row.schema), row.data, row.t)
     file.close()
 
 
@@ -86,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     about: dict[str, str] = {}
     next(rows(args.live, options.say, about), None)
-    copy(args.live, LIVE, lambda r: KINDS.get(r.schema, JournalPiece) not in LEFT_OUT, about)
+    copy(args.live, LIVE, lambda r: kinds().get(r.schema, JournalPiece) not in LEFT_OUT, about)
     return 0
 
 

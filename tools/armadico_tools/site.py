@@ -34,10 +34,10 @@ ELSEWHERE: Final = ("http://", "https://", "mailto:", "#")
 REFERENCE: Final = (
     ("Runs", ("launch.api", "observe.measures", "config.scenarios")),
     ("Guests", ("runtime.client",)),
-    ("Agents", ("core.agent", "core.behaviour", "core.exchange", "core.resources")),
-    ("What agents stand on", ("core.parameters", "core.route")),
-    ("Tasks of missions", ("core.tasks",)),
-    ("Messages", ("core.messages",)),
+    ("Agents", ("core.agent", "mobile.behaviour", "core.exchange", "core.resources")),
+    ("What agents stand on", ("core.parameters", "mobile.route", "mobile.resources")),
+    ("Tasks of missions", ("agents.missions.task", "agents.missions.planner")),
+    ("Messages", ("core.messages", "mobile.messages", "mobile.obstacles")),
     ("Errors", ("runtime.errors", "config.errors", "config.discovery", "mesh.topology")),
 )
 """The pages of the reference, and the modules whose names they have; others are in the last."""
