@@ -240,9 +240,9 @@ def service_of(message: type[m.Message]) -> Service:
 def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
     """What a type stands for in an agent's `hears`: itself, or all installed that derive from it.
 
-    A base has no row of its own.
+    A base has neither a row nor fields of its own. If none derives from it, it stands for nothing.
     """
-    if kind in _by_message or not kind.__subclasses__():
+    if kind in _by_message or kind.__struct_fields__:
         return (kind,)
     return tuple(row.message for row in services() if issubclass(row.message, kind))
 

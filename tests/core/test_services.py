@@ -11,9 +11,11 @@ from armadico.core.services import (
     CARD,
     Kind,
     Service,
+    derived,
     register,
     service_at,
     service_of,
+    state,
 )
 from armadico.core.services import services as table
 from armadico.mobile.messages import Origin, Pose, Trajectory, Truth
@@ -106,3 +108,21 @@ def promised(key: str) -> float | None:
     service = service_at(key)
     assert service is not None
     return service.rate_hz
+
+
+class Signals(m.Message, frozen=True):
+    """A base."""
+
+
+def test_a_base_stands_for_what_is_installed_of_it_and_a_message_for_itself(
+    registry: None,
+) -> None:
+    assert derived(Signals) == ()
+
+    class Flag(Signals, frozen=True):
+        cycle: m.Cycle
+
+    assert derived(Signals) == ()  # it has no row
+    state(Flag, "flag", 10, 3, "a test's own")
+    assert derived(Signals) == (Flag,)
+    assert derived(Pose) == (Pose,)
