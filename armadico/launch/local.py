@@ -95,10 +95,11 @@ class Launcher(LiveRun):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take everything down; the logs stay if something went wrong."""
+        """Take everything down; the logs stay unless the run passed or a person ended it."""
         began = bool(self.processes)
         self.stop()
-        well = error is None or isinstance(error, KeyboardInterrupt)
+        well = isinstance(error, KeyboardInterrupt)
+        well |= error is None and self.watch.result().passed
         if not began or (well and not self._mourned):
             shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
 

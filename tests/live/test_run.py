@@ -88,6 +88,16 @@ def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(
         observer.until(lambda: not observer.client.alive, "nobody is left on the mesh")
 
 
+def test_a_run_that_does_not_reach_its_goal_leaves_its_logs(run: Start, far: list[str]) -> None:
+    process = run(*far, "--for", "2")
+    out, errors = process.communicate(timeout=2 * SOON)
+    assert process.returncode == 1, errors
+    assert "NOT reached" in out
+    logs = Path(errors.partition("logs are in ")[2].splitlines()[0])
+    assert (logs / "goto.log").is_file()
+    rmtree(logs)
+
+
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
 def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
     run: Start, observer: Observer, number: Signals
