@@ -104,7 +104,8 @@ class Rehearsal(Run):
         """
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.namespace = options.namespace
-        super().__init__(scenario, options, Client(VirtualSession(self.mesh, self.namespace)))
+        session = VirtualSession(self.mesh, self.namespace)
+        super().__init__(scenario, options, Client(session, self._stream("client")))
         # At the moment of publication: what is measured has been nowhere on the way.
         where = self.namespace
         self.mesh.watch(self._show, *watched(), namespace=where)

@@ -132,8 +132,15 @@ class Client:
     for the latest. Times are the mesh's, in s; poses are in metres and radians, in the world frame.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, rng: random.Random | None = None) -> None:
+        """Listen to tokens.
+
+        Args:
+            mesh: Where.
+            rng: Draws the numbers of its orders; None: one of its own.
+        """
         self.mesh = mesh
+        self._rng = rng or random.Random()
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens
         self.key = ""  # of the message that is being handed on
         self.ahead: dict[str, float] = {}  # s; by instance, of the clocks in cards
@@ -281,7 +288,7 @@ class Client:
         """
         until = self.mesh.now() + again
         while True:
-            request = request.numbered(random.getrandbits(63) or 1)
+            request = request.numbered(self._rng.getrandbits(63) or 1)
             begun = self.mesh.now()
             reply = self.ask(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):

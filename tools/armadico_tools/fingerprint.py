@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import random
 import sys
 from collections.abc import Sequence
 
@@ -22,7 +21,6 @@ from armadico.launch.virtual import Rehearsal
 
 def fingerprint(scenario: Scenario, options: Options, robots: int = 3) -> str:
     """SHA-256 of all that a run publishes, and when; a scenario with tasks has several robots."""
-    random.seed(options.seed)  # a client numbers a mission by it
     scenario, digest = prepared(scenario, options), hashlib.sha256()
     run: Rehearsal | FleetRehearsal
     if scenario.tasks:
