@@ -26,11 +26,11 @@ from armadico.core.messages import (
     line,
     plain,
 )
-from armadico.core.services import message_types
 from armadico.mobile.messages import Echo, MissionState, MissionStatus, Pose, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles
+from armadico_tools.docs_fields import ours
 
-KINDS = sorted(message_types(), key=lambda kind: kind.__name__)
+KINDS = sorted(ours()[1], key=lambda kind: kind.__name__)
 
 WIRE = {
     "Ack": "resource cycle largest obeyed obeyed_cycle utility critical measured",

@@ -10,9 +10,8 @@ import pytest
 
 from armadico.core import messages
 from armadico.core.coordination import TRANSITIONS
-from armadico.core.services import services
 from armadico_tools import docs
-from armadico_tools.docs_fields import fields_of
+from armadico_tools.docs_fields import fields_of, ours
 from tests.docs.blocks import ROOT, documents
 
 LINK = re.compile(r"(?<!`)\[[^\]\n]*\]\(([^)\s]+)\)")
@@ -36,7 +35,7 @@ def test_every_marker_of_a_part_is_one_that_is_written() -> None:
 
 def test_the_protocol_page_has_every_key_message_and_transition() -> None:
     text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
-    for service in services():
+    for service in ours()[0]:
         assert f"`{service.key.replace('{', '<').replace('}', '>')}`" in text
     for name in ("Cycle", "Ballot", "RobotState", "Claim", "Truth"):
         assert f"\n### {name}\n" in text

@@ -24,9 +24,9 @@ from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
 from armadico.core.messages import Ack, Claim, Command, Log, Message, Stop
-from armadico.core.services import TOKEN, Service, matches, message_types, services
+from armadico.core.services import TOKEN, Service, matches
 from armadico.mobile.messages import Truth
-from armadico_tools.docs_fields import fields_of
+from armadico_tools.docs_fields import fields_of, ours
 from armadico_tools.markdown import table
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -129,7 +129,7 @@ def keys() -> str:
             providers(s),
             s.meaning,
         )
-        for s in services()
+        for s in ours()[0]
     ]
     token = (angled(TOKEN), "none", "liveliness token", "", "", ALL, "its agent is alive")
     head = ("key", "message", "kind", "Hz", "cycles", "provided by", "meaning")
@@ -139,7 +139,7 @@ def keys() -> str:
 def fields() -> str:
     """Every message: what it is, and its fields in the order of the wire."""
     parts = []
-    for kind in message_types():
+    for kind in ours()[1]:
         rows = (
             (str(f.index), f"`{f.name}`", f.type, f.default, f.meaning) for f in fields_of(kind)
         )

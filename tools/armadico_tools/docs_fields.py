@@ -15,7 +15,9 @@ from typing import Any, Final
 import msgspec
 from msgspec import inspect as types
 
+import armadico
 from armadico.core.messages import Message
+from armadico.core.services import Service, message_types, services
 
 COMMENT: Final = re.compile(r"^ {4}(\w+): .*?  # (.+)$", re.MULTILINE)
 
@@ -34,6 +36,15 @@ class Field:
     type: str
     default: str  # what an array that is too short stands for; empty: it must be there
     meaning: str
+
+
+def ours() -> tuple[list[Service], list[type[Message]]]:
+    """The services and messages of the product, whatever else has been imported."""
+    inside = f"{armadico.__name__}."
+    return (
+        [row for row in services() if row.message.__module__.startswith(inside)],
+        [kind for kind in message_types() if kind.__module__.startswith(inside)],
+    )
 
 
 def fields_of(kind: type[Message]) -> list[Field]:

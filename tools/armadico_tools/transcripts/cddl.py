@@ -12,7 +12,7 @@ from typing import Final
 from msgspec import inspect as types
 
 from armadico.core.messages import LARGEST_PAYLOAD, PROTOCOL, Message
-from armadico.core.services import message_types
+from armadico_tools.docs_fields import ours
 
 HEAD: Final = f"""\
 ; Armadico's messages, protocol {PROTOCOL}. Written by `python -m armadico_tools.transcripts`.
@@ -32,7 +32,7 @@ RESERVED: Final = frozenset({"number", "text", "time", "any", "bytes", "float", 
 
 
 def schema() -> str:
-    kinds = message_types()
+    kinds = ours()[1]
     first = "message = " + " /\n    ".join(kind.__name__ for kind in kinds)
     return HEAD + "\n\n".join([first, *(rule(kind) for kind in kinds)]) + "\n"
 

@@ -27,12 +27,12 @@ from armadico.core.messages import (
     encode,
     plain,
 )
-from armadico.core.services import matches, message_types
+from armadico.core.services import matches
 from armadico_tools.transcripts.agents import Part, agent_of
 
 Line = dict[str, Any]
 
-KINDS: Final = {kind.__name__: kind for kind in message_types()}
+KINDS: Final = {kind.__name__: kind for kind in ours()[1]}
 """Every message, by its name."""
 
 ROUTER: Final = {True: "finds the router", False: "loses the router"}
