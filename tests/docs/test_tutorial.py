@@ -108,7 +108,7 @@ def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> No
 
 def test_an_agent_from_nothing_drives_and_so_it_does_when_it_is_changed(shell: Shell) -> None:
     do(shell, "begin")
-    assert "1 passed" in do(shell, "begin-test")
+    assert "2 passed" in do(shell, "begin-test")
     installed, own = shell.folder / "site" / "weaver.py", shell.folder / "weaver" / "weaver.py"
     installed.unlink()
     installed.symlink_to(own)  # as `pip install -e` has it, which installs into no other folder

@@ -28,6 +28,7 @@ from armadico.core.messages import (
     plain,
 )
 from armadico.core.services import matches
+from armadico_tools.docs_fields import ours
 from armadico_tools.transcripts.agents import Part, agent_of
 
 Line = dict[str, Any]
