@@ -80,7 +80,7 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
     listed = python(tmp_path, "-m", "armadico", "agent", "--list")
     assert {f"The {name} agent" in listed for name in NAMES.values()} == {True}
     said = python(tmp_path, "-m", "pytest", "-q", "-n0", "-p", "no:cacheprovider", *folders)
-    assert "4 passed" in said
+    assert "5 passed" in said
     for name, setting in OUT_OF_RANGE.items():
         refused = python(tmp_path, "-c", REFUSED, name, setting)
         assert refused.startswith(f"--set {setting}: "), refused
