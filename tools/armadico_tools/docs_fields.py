@@ -15,7 +15,6 @@ from typing import Any, Final
 import msgspec
 from msgspec import inspect as types
 
-import armadico
 from armadico.core.messages import Message
 from armadico.core.services import Service, message_types, services
 
@@ -40,7 +39,7 @@ class Field:
 
 def ours() -> tuple[list[Service], list[type[Message]]]:
     """The services and messages of the product, whatever else has been imported."""
-    inside = f"{armadico.__name__}."
+    inside = "armadico."
     return (
         [row for row in services() if row.message.__module__.startswith(inside)],
         [kind for kind in message_types() if kind.__module__.startswith(inside)],
