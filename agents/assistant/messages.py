@@ -5,8 +5,6 @@ from __future__ import annotations
 from armadico.core.messages import Bits64, Counter, Label, Message, Name, Text
 from armadico.core.services import event, query
 
-# Programs and language models ---------------------------------------------------------------------
-
 
 class AssistantRequest(Message, frozen=True):
     """A program asks the assistant agent for something; `text` has its arguments, as JSON."""

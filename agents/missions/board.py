@@ -39,8 +39,6 @@ RESULTS_TOLD: Final = ((100, 100), (10, 100), (0, 50), (0, 10), (0, 0))
 NOTE_MOST: Final = 200
 """Characters that are kept of why a mission ended."""
 
-GOING_ON: Final = frozenset({MissionEnd.QUEUED, MissionEnd.ACTIVE, MissionEnd.SUSPENDED})
-
 
 def _cut(told: BoardMission, most: int) -> BoardMission:
     """A mission with its newest results only."""
@@ -65,7 +63,7 @@ class Entry:
     @property
     def goes_on(self) -> bool:
         """Whether it waits, or is done."""
-        return self.mission is not None and self.told.state in GOING_ON
+        return self.mission is not None and not self.told.over
 
 
 def text_of(packed: bytes) -> str:
@@ -174,7 +172,7 @@ class Missions:
         known, self.entries = self.entries, {}
         for told in board.missions:
             mission = None
-            if told.state in GOING_ON:
+            if not told.over:
                 try:
                     mission = read_mission(text_of(told.text), told.name)
                 except ConfigError as error:

@@ -10,8 +10,6 @@ from msgspec import Meta
 from armadico.core.messages import Counter, Message, Name, Text
 from armadico.core.services import query, state
 
-# Hosts, and who looks after the society -----------------------------------------------------------
-
 
 class KeptState(StrEnum):
     """What a process is doing, by the word of the one who started it."""

@@ -20,8 +20,6 @@ from armadico.core.messages import (
 from armadico.core.services import event, state
 from armadico.mobile.messages import ByHand
 
-# By hand ------------------------------------------------------------------------------------------
-
 
 class Stick(Message, frozen=True):
     """Where a hand has the stick: shares of the most that the teleop agent may drive.

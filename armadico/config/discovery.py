@@ -11,14 +11,16 @@ import difflib
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import Distribution, EntryPoint, EntryPoints, entry_points
+from importlib.metadata import Distribution, EntryPoint
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from armadico.core.installed import entries
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent
@@ -111,17 +113,12 @@ def installed(group: str) -> dict[str, Found]:
     return _installed(group, *sys.path)
 
 
-@cache  # looking through all that is installed takes 20 ms, for one group or for all
-def _entries(*_path: str) -> Callable[..., EntryPoints]:
-    return entry_points().select
-
-
 @cache
-def _installed(group: str, *path: str) -> dict[str, Found]:
+def _installed(group: str, *_path: str) -> dict[str, Found]:
     found: dict[str, Found] = {}
-    entries = sorted(_entries(*path)(group=group), key=lambda entry: entry.name)
-    modules = Counter(module for _, module in {(entry.name, entry.module) for entry in entries})
-    for entry in entries:
+    points = sorted(entries(group), key=lambda entry: entry.name)
+    modules = Counter(module for _, module in {(entry.name, entry.module) for entry in points})
+    for entry in points:
         shares = modules[entry.module] > 1
         found.setdefault(entry.name, Found(entry.name, entry.value, _package(entry), shares))
     return found

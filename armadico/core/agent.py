@@ -426,7 +426,7 @@ class Agent:
                 self._turn(resource, message)
 
     def accepted(self, message: Message) -> bool:
-        """Whether a message is the newest that its publisher's have brought."""
+        """Whether a message that it was given is the newest by its publisher."""
         gathering = self._gatherings.get(type(message))
         if gathering is not None:
             return gathering.newest(message) is message

@@ -8,6 +8,7 @@ from typing import Final
 
 from armadico.core.agent import Agent, Publish
 from armadico.core.coordination import DRAW
+from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
     BidRecord,
@@ -23,8 +24,6 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles
-
-PERIOD = 0.1
 
 NO_STOP = Stop()
 

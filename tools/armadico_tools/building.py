@@ -15,7 +15,6 @@ from armadico.agents.missions.messages import (
     ChargeStatus,
     EnergyReply,
     MissionCancel,
-    MissionEnd,
     MissionOrder,
     Photo,
     Subplan,
@@ -134,8 +133,7 @@ class Building:
 
     def ended(self, number: int) -> bool:
         """Whether a mission is over."""
-        over = (MissionEnd.DONE, MissionEnd.FAILED, MissionEnd.CANCELLED)
-        return self.mission(number).state in over
+        return self.mission(number).over
 
     def steps(self, number: int) -> list[str]:
         """What was done, in order."""
