@@ -20,7 +20,6 @@ from armadico.core.messages import (
 from armadico.core.services import event, latch, query, state
 from armadico.mobile.messages import Waypoint
 
-
 TASKS: Final = 256
 """Tasks of a list, at the most."""
 
