@@ -71,7 +71,7 @@ demo-down:  ## what a demo left that was killed
 	docker compose --file deploy/compose.yaml down --timeout 1
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
-	for lock in agents: run:--extra=plot "tools:--extra=plot requirements/tools.in" \
+	for lock in agents: run:--extra=plot,cdr "tools:--extra=plot,cdr requirements/tools.in" \
 	    "dev:--extra=plot,record,dashboard,foxglove,ros2,docs,dev requirements/tools.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done

@@ -99,7 +99,7 @@ class Found:
             found: Any = import_module(module)
             for attribute in (attributes or "main").split("."):
                 found = getattr(found, attribute)
-        except Exception as error:  # a module is anybody's code, and may raise anything
+        except (Exception, SystemExit) as error:  # a module is anybody's code
             raise self.unusable(f"cannot be loaded: {_said(error)}") from error
         return found
 
@@ -217,7 +217,7 @@ def _file(module: str) -> Path | None:
     return Path(spec.origin)
 
 
-def _said(error: Exception) -> str:
+def _said(error: BaseException) -> str:
     """An error while importing, with the line of theirs that raised it, if one did."""
     if isinstance(error, SyntaxError):
         return f"SyntaxError: {error.msg} ({error.filename}, line {error.lineno})"

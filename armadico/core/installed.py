@@ -28,7 +28,7 @@ def load_all() -> None:
     for point in sorted(entries(GROUP), key=lambda each: each.name):
         try:
             point.load()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             import logging  # noqa: PLC0415 - lists of what is installed do without
 
             logger = logging.getLogger("armadico.installed")

@@ -152,10 +152,15 @@ TOKEN = "agent/{name}/{instance}"
 
 
 def register(service: Service) -> Service:
-    """Add a row for a message of one's own. Raises ValueError if the message has one already."""
+    """Add a row for a message of one's own. Raises ValueError if the message or the key has one."""
     known = _by_message.get(service.message)
     if known is not None and known != service:
         raise ValueError(f"{service.message.__name__} already travels on {known.key}")
+    holder = next((row.message for row in _rows if row.key == service.key), service.message)
+    if holder is not service.message:
+        raise ValueError(
+            f"{service.message.__name__}: {service.key} already carries {holder.__name__}"
+        )
     if known is None:
         _rows.append(service)
         derived.cache_clear()

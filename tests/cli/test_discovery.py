@@ -11,6 +11,7 @@ import pytest
 from armadico.config import discovery
 from armadico.config.discovery import AGENTS, UnknownNameError
 from armadico.core.agent import Agent
+from armadico.core.installed import load_all
 
 
 @pytest.fixture
@@ -28,8 +29,10 @@ def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     (info / "entry_points.txt").write_text(
         "[armadico.agents]\n"
         "dance = elsewhere:Dance\nchair = elsewhere:Chair\n"
-        "gone = elsewhere.gone:Agent\nmissing = elsewhere:Missing\n"
+        "gone = elsewhere.gone:Agent\nmissing = elsewhere:Missing\nends = elsewhere_ends:Agent\n"
+        "[armadico.messages]\nends = elsewhere_ends\n"
     )
+    (tmp_path / "elsewhere_ends.py").write_text("import sys\nsys.exit(7)\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
     sys.modules.pop("elsewhere", None)
@@ -46,6 +49,15 @@ def test_an_agent_of_another_package_is_found_and_not_imported(third_party: Path
     assert (found.package, found.summary) == ("elsewhere", "An agent from elsewhere")
     assert "elsewhere" not in sys.modules
     assert discovery.agent_class("dance").name == "dance"
+
+
+def test_a_module_that_ends_the_program_is_named_and_ends_nothing(
+    third_party: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with pytest.raises(ImportError, match=r"ends \(elsewhere_ends:Agent\) cannot be loaded"):
+        discovery.agent_class("ends")
+    load_all.__wrapped__()
+    assert "the messages of 'ends' cannot be imported: 7" in caplog.text
 
 
 def test_what_is_not_there_is_answered_with_what_is() -> None:

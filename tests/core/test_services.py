@@ -93,6 +93,12 @@ def test_an_agent_may_bring_a_message_of_its_own() -> None:
 
 
 @pytest.mark.usefixtures("registry")
+def test_a_key_cannot_be_given_a_second_message() -> None:
+    with pytest.raises(ValueError, match="Whistle: encoder/pose already carries Pose"):
+        register(Service(Whistle, "encoder/pose", Kind.STATE, 10, 3, "another"))
+
+
+@pytest.mark.usefixtures("registry")
 def test_a_message_cannot_be_given_a_second_key() -> None:
     with pytest.raises(ValueError, match="Pose already travels on encoder/pose"):
         register(Service(Pose, "my/pose", Kind.STATE, 10, 3, "another"))

@@ -156,6 +156,20 @@ BODY = m.Description(
 )
 
 
+def test_obstacles_by_a_sensor_that_the_robot_does_not_have_are_ignored(
+    stage: Alone, driver: Driver
+) -> None:
+    stage.give(BODY)
+    stage.state()
+    for sensor in ("radar", "laser"):
+        stage.give(Obstacles(stage.at, None, None, None, None, (m.Point(1, 0),), sensor))
+    assert driver.latest(Obstacles) is None, "the sonars have published nothing"
+    stage.give(Obstacles(stage.at, *NOTHING))
+    around = driver.latest(Obstacles)
+    assert around is not None
+    assert len(around.points) == 1
+
+
 def test_of_two_sensors_one_that_falls_silent_makes_the_obstacles_stale(
     stage: Alone, driver: Driver
 ) -> None:
@@ -203,6 +217,7 @@ def test_an_older_message_does_not_take_a_newer_ones_place(stage: Alone, driver:
 
 def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(services, "_by_message", dict(services._by_message))
+    monkeypatch.setattr(services, "_rows", list(services._rows))
 
     class Hum(Message, frozen=True):
         cycle: Cycle

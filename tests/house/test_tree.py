@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from armadico.config.discovery import ROBOTS, installed
 from tests.house.tree import ROOT, project, text_files, tree
 
 MACHINE = re.compile(r"/(?:work|root|home|Users|mnt)/\w")
@@ -57,6 +58,12 @@ def test_every_dependency_is_locked() -> None:
     names = {name.partition("==")[0] for name in locked(LOCKS_TEXT["run.txt"])}
     wanted = {re.split(r"[<>=!~\[ ]", d)[0].lower() for d in project()["project"]["dependencies"]}
     assert wanted <= names
+
+
+def test_whatever_robot_is_shipped_is_simulated_after_make_run() -> None:
+    names = {name.partition("==")[0] for name in locked(LOCKS_TEXT["run.txt"])}
+    for found in installed(ROBOTS).values():
+        assert {*found.load().needs} <= names, found.name
 
 
 def test_no_dependency_carries_the_gpl() -> None:
