@@ -9,11 +9,13 @@ from __future__ import annotations
 import csv
 import fcntl
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from inspect import getfile
 from io import StringIO
 from pathlib import Path
-from typing import Generic, TextIO, TypeVar
+from typing import Any, Generic, TextIO, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Struct
@@ -21,6 +23,7 @@ from msgspec import Struct
 from armadico.config.writing import write_files
 
 R = TypeVar("R", bound=Struct)
+T = TypeVar("T")
 
 
 class Rows(Generic[R]):
@@ -74,6 +77,55 @@ class Rows(Generic[R]):
             yield
         finally:
             os.close(folder)  # which releases the lock
+
+
+class _Result(Struct, frozen=True):
+    """What a function returned, under the hash of all that it depends on."""
+
+    key: str
+    of: str  # what it depends on besides the code, for people
+    found: str  # as JSON
+
+
+class Kept(Generic[T]):
+    """Results of one function by one version of the code, which need not be computed again.
+
+    A result is kept if it reads back as it was, by the type that the function is annotated with.
+    All others, for example paths of files, are computed again each time.
+    """
+
+    def __init__(self, path: Path, function: Callable[..., T], source: str) -> None:
+        """Go on with a file; `source` is a hash of the code outside of the function's module."""
+        name = f"{function.__module__}.{function.__qualname__} {source} "
+        self._code = sha256(name.encode() + Path(getfile(function)).read_bytes()).hexdigest()
+        self._decoder: msgspec.json.Decoder[T] | None = None
+        with suppress(TypeError):  # a type that JSON does not have
+            kind: Any = get_type_hints(function)["return"]
+            self._decoder = msgspec.json.Decoder(kind)
+        self._rows = Rows(path, _Result)
+        self._known = {row.key: row.found for row in self._rows.read()}
+
+    def read(self, of: Sequence[str]) -> dict[int, T]:
+        """The results that are there, by their place in `of`."""
+        if self._decoder is None:
+            return {}
+        known = {at: self._known.get(self._key(each)) for at, each in enumerate(of)}
+        return {at: self._decoder.decode(text) for at, text in known.items() if text is not None}
+
+    def add(self, of: str, found: T) -> None:
+        """Keep a result, now, if it reads back as it is."""
+        if self._decoder is None:
+            return
+        try:
+            text = msgspec.json.encode(found).decode()
+            if self._decoder.decode(text) != found or len(text) > csv.field_size_limit():
+                return
+        except (TypeError, msgspec.DecodeError):
+            return
+        self._rows.add(_Result(self._key(of), of, text))
+
+    def _key(self, of: str) -> str:
+        return sha256(f"{self._code} {of}".encode()).hexdigest()[:16]
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:

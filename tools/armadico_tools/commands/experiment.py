@@ -1,4 +1,4 @@
-"""Measure the thesis's chapters 4 and 5 again: tables, figures and raw runs into a folder."""
+"""Run experiments: the thesis's tables, worlds of others, fleets; results into a folder."""
 
 from __future__ import annotations
 
@@ -6,23 +6,22 @@ import argparse
 import json
 import os
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.config.discovery import summary, unknown
+from armadico.config.discovery import unknown
 from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
-from armadico_tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
+from armadico_tools.experiments import EXPERIMENTS, RUNS
 
 if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Barn, Context
+    from armadico_tools.experiments.runner import Barn
 
 ALL: Final = "all"
 LOGS: Final = "logs"
-LIVE: Final = "live-vs-virtual"
 BARN: Final = ("worlds", "robot", "v_max", "data")
 FASTEST_M_S: Final = 10.0
 
@@ -32,7 +31,7 @@ EXAMPLES: Final = """\
   armadico experiment table-5.2 --runs 100 --jobs 8 --json
   armadico experiment barn --worlds 1 --worlds 2 --robot pioneer-2dx --v-max 1
   armadico experiment logs FOLDER              over logs of real robots
-  armadico experiment all                      all but those in real time (--live: those too)
+  armadico experiment all                      all but logs
 """
 
 
@@ -42,9 +41,8 @@ def main(argv: Sequence[str]) -> int:
     if args.list:
         return _list(as_json=args.json)
     _check(args)
-    names = _names(args)
-    _check_extras()
-    done = [_run(name, args) for name in names]
+    names = [name for name, entry in EXPERIMENTS.items() if not entry.on_request]
+    done = [_run(name, args) for name in (names if args.experiment == ALL else [args.experiment])]
     if args.json:
         print(json.dumps(done[0] if args.experiment != ALL else done))
     return 0
@@ -53,16 +51,18 @@ def main(argv: Sequence[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico experiment",
-        "Measure a table or figure of the thesis again, on the virtual mesh. What is finished is"
-        " kept: interrupt it and run it again, and it goes on where it was.",
+        "Run an experiment on the virtual mesh. Finished runs are kept: interrupt it and run it"
+        " again, and it continues.",
         EXAMPLES,
     )
     made.add_argument("experiment", nargs="?", metavar="NAME", help="one of --list, or all")
     made.add_argument(
         "logs", nargs="?", type=Path, metavar="FOLDER", help="with logs: their folder, or one log"
     )
-    made.add_argument("--list", action="store_true", help="what there is")
-    made.add_argument("--runs", type=int, metavar="N", help=f"seeds a cell (default: {RUNS})")
+    made.add_argument("--list", action="store_true", help="list the experiments")
+    made.add_argument(
+        "--runs", type=int, metavar="N", help=f"seeds a cell (default: mostly {RUNS})"
+    )
     barn = made.add_argument_group("of barn only")
     barn.add_argument(
         "--worlds", type=int, action="append", metavar="N", help="these (default: all)"
@@ -74,24 +74,26 @@ def parser() -> argparse.ArgumentParser:
     )
     add_jobs(made)
     add_out(made, "results", "folders of results are kept")
-    made.add_argument("--live", action="store_true", help="with all: real processes, real time too")
     add_json(made)
     return made
 
 
 def _list(*, as_json: bool) -> int:
-    found = {name: summary(module(name)) for name in EXPERIMENTS}
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps({name: entry.title for name, entry in EXPERIMENTS.items()}))
         return 0
-    for name, text in found.items():
-        print(f"{name:<17} {text}{' (not in all)' if name in ON_REQUEST else ''}")
+    for name, entry in EXPERIMENTS.items():
+        print(f"{name:<17} {entry.title}{' (not in all)' if entry.on_request else ''}")
     return 0
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError for a number that makes no sense."""
+    """Raises UsageError for options that do not go together, or are out of range."""
     at_least(args, runs=1, jobs=1)
+    if args.experiment is None:
+        raise UsageError("name an experiment, or all; --list shows them")
+    if args.experiment not in (*EXPERIMENTS, ALL):
+        raise UsageError(unknown("experiment", args.experiment, (*EXPERIMENTS, ALL)))
     given = [name for name in BARN if getattr(args, name) is not None]
     if given and args.experiment != "barn":
         raise UsageError(f"--{given[0].replace('_', '-')} goes with barn")
@@ -101,51 +103,42 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("FOLDER goes with logs: armadico experiment logs FOLDER")
     if args.logs is not None and not args.logs.exists():
         raise UsageError(f"{args.logs}: no such folder")
-    if args.live and args.experiment != ALL:
-        raise UsageError("--live goes with all; live-vs-virtual is live anyway")
-
-
-def _names(args: argparse.Namespace) -> list[str]:
-    """The experiments that are asked for. Raises UsageError."""
-    if args.experiment is None:
-        raise UsageError("name an experiment, or all; --list shows them")
-    if args.experiment == ALL:
-        taken = {*EXPERIMENTS} - {*ON_REQUEST} | ({LIVE} if args.live else set())
-        return [name for name in EXPERIMENTS if name in taken]
-    if args.experiment not in EXPERIMENTS:
-        raise UsageError(unknown("experiment", args.experiment, (*EXPERIMENTS, ALL)))
-    return [args.experiment]
-
-
-def _check_extras() -> None:
-    """Raises FailedError before anything is driven."""
-    for package in ("scipy", "matplotlib"):
-        try:
-            import_module(package)
-        except ImportError:
-            raise FailedError(
-                f"{package} is missing; pip install armadico-tools brings it"
-            ) from None
 
 
 def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
-    """One experiment; what came of it."""
+    """One experiment, and a summary of it. Raises FailedError if its folder cannot be had."""
     import msgspec  # noqa: PLC0415 - not for --help
 
+    from armadico_tools.experiments import runner  # noqa: PLC0415 - not for --help
+
     began = time.monotonic()
-    experiment = import_module(module(name))
-    runs = args.runs or getattr(experiment, "RUNS", RUNS)
-    first_seed = getattr(experiment, "FIRST_SEED", FIRST_SEED)
-    context = _context(name, args, runs, first_seed)
-    experiment.run(context)
+    module, _, attribute = EXPERIMENTS[name].where.partition(":")
+    found = getattr(import_module(f"armadico_tools.experiments.{module}"), attribute)
+    context = runner.Context(
+        out=args.out / name,
+        runs=args.runs or found.runs,
+        jobs=args.jobs or os.cpu_count() or 1,
+        first_seed=found.first_seed,
+        barn=_barn(args),
+        logs=args.logs,
+    )
+    try:
+        moved = context.claim(name)
+    except runner.NotOursError as error:
+        raise FailedError(str(error)) from None
+    except OSError as error:
+        raise FailedError(f"cannot write to {context.out}: {error.strerror}") from None
+    if moved is not None:
+        options.say(f"{context.out} held other seeds, or runs of other code: renamed to {moved}")
+    context.run(found, EXPERIMENTS[name].title)
     seconds = time.monotonic() - began
     options.say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
     return {
         "experiment": name,
-        "title": experiment.TITLE,
+        "title": EXPERIMENTS[name].title,
         "out": str(context.out),
-        "runs": runs,
-        "first_seed": first_seed,
+        "runs": context.runs,
+        "first_seed": context.first_seed,
         "software": msgspec.to_builtins(context.software),
         "seconds": round(seconds, 1),
         "files": [path.name for path in context.files],
@@ -154,11 +147,11 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
 
 
 def _barn(args: argparse.Namespace) -> Barn:
-    """What was chosen of the BARN challenge. Raises ConfigError or UsageError."""
+    """The options of the BARN challenge. Raises ConfigError or UsageError."""
     from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
-    from armadico.launch.society import profile_of  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import profile_of  # noqa: PLC0415
     from armadico_tools.experiments.barn_worlds import SHIPPED, read_worlds  # noqa: PLC0415
-    from armadico_tools.experiments.base import Barn  # noqa: PLC0415 - not for --help
+    from armadico_tools.experiments.runner import Barn  # noqa: PLC0415
 
     worlds, robots = tuple(args.worlds or ()), tuple(args.robot or ())
     robots = tuple(profile_of(name) or name for name in robots)
@@ -170,42 +163,7 @@ def _barn(args: argparse.Namespace) -> Barn:
             if number not in known:
                 kept = "" if args.data else "; every sixth is the challenge's own test's"
                 raise UsageError(
-                    f"--worlds {number}: no such world; there are {_ranges(known)}{kept}"
+                    f"--worlds {number}: no such world; there are {len(known)} from {min(known)}"
+                    f" to {max(known)}{kept}"
                 )
     return Barn(tuple(dict.fromkeys(worlds)), tuple(dict.fromkeys(robots)), args.v_max, args.data)
-
-
-def _ranges(known: Collection[int]) -> str:
-    return f"{len(known)} from {min(known)} to {max(known)}"
-
-
-def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) -> Context:
-    """Its folder made its own. Raises FailedError if that cannot be."""
-    from armadico_tools.experiments import store  # noqa: PLC0415 - not for --help
-    from armadico_tools.experiments.base import Context  # noqa: PLC0415
-
-    out = args.out / name
-    context = Context(
-        out=out,
-        runs=runs,
-        jobs=args.jobs or os.cpu_count() or 1,
-        first_seed=first_seed,
-        barn=_barn(args),
-        logs=args.logs,
-    )
-    about = store.About(
-        experiment=name,
-        first_seed=first_seed,
-        runs=runs,
-        source=context.source,
-        software=context.software,
-    )
-    try:
-        moved = store.claim(out, about)
-    except store.NotOursError as error:
-        raise FailedError(str(error)) from None
-    except OSError as error:
-        raise FailedError(f"cannot write to {out}: {error.strerror}") from None
-    if moved is not None:
-        options.say(f"{out} held other seeds or other code's runs: they are in {moved} now")
-    return context

@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from math import hypot
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from msgspec.structs import replace as changed
 
 from armadico.config.mapwriter import write_map
-from armadico.config.profile import load_profile
-from armadico.config.scenarios import load_scenario
-from armadico.config.worlds import load_world
 from armadico.core.messages import Message
 from armadico.launch.society import Options
 from armadico.mobile.messages import Truth
-from armadico.observe.pictures import Run, draw_run
+from armadico_tools.experiments import drawing
 from armadico_tools.experiments.barn_worlds import (
     CLIPS,
     GOAL,
@@ -29,13 +26,9 @@ from armadico_tools.experiments.barn_worlds import (
     read_worlds,
 )
 from armadico_tools.experiments.driving import Cell, Drive, Sample
+from armadico_tools.experiments.runner import Context, Experiment, driven
 from armadico_tools.markdown import table
 
-if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "The BARN challenge: fields of cylinders, no map"
-RUNS: Final = 1
 ROBOTS: Final = ("jackal", "pioneer-2dx", "pioneer-16")
 PARAMETERS: Final = "swift"
 
@@ -128,60 +121,8 @@ def write(world: BarnWorld, folder: Path, v_max: float | None) -> Path:
     return path
 
 
-def run(context: Context) -> None:
-    """Every world by every robot; tables of all, and pictures of the worst."""
-    chosen = context.barn
-    worlds = read_worlds() if chosen.data is None else read_worlds(chosen.data)
-    wanted = chosen.worlds or tuple(worlds)
-    folder = context.out / "worlds"
-    folder.mkdir(exist_ok=True)
-    files = {n: write(worlds[n], folder, chosen.v_max) for n in wanted}
-    cells = {
-        (robot, n): Cell(f"{robot}-{n}", str(path), parameters=PARAMETERS, robot=robot)
-        for robot in chosen.robots or ROBOTS
-        for n, path in files.items()
-    }
-    found = context.drive_each(
-        [(cell, seed) for cell in cells.values() for seed in context.seeds], drive
-    )
-    context.summary = {}
-    rows = []
-    for robot in chosen.robots or ROBOTS:
-        for part, numbers in parts(wanted).items():
-            runs = [(worlds[n], one) for n in numbers for one in found[cells[robot, n].name]]
-            summary = summarized(runs)
-            context.summary[f"{robot}, {part}"] = summary
-            runs_of, *shares = summary.values()
-            rows.append((robot, part, runs_of, *(f"{share:.3f}" for share in shares)))
-    header = ("robot", "worlds", "runs", "reached", "touched", "too late", "s", "score", "of 0.25")
-    everything = [
-        (score_of(worlds[n], one), robot, n, one)
-        for (robot, n), cell in cells.items()
-        for one in found[cell.name]
-    ]
-    everything.sort(key=lambda row: row[:3])
-    worst = [row for row in everything if row[0] < CLIP_SCORE][:WORST]
-    for _, robot, n, one in worst:
-        path = context.out / f"{robot}-{n}-{one.seed}.png"
-        context.files.append(picture(cells[robot, n], one, path))
-    listed = [
-        (robot, n, one.seed, f"{score:.3f}", one.note or f"{one.tt_s:.1f} s, {one.td_m:.1f} m")
-        for score, robot, n, one in worst
-    ]
-    of_worst = table(("robot", "world", "seed", "score", "what happened"), listed)
-    context.rows(
-        "scores",
-        ("robot", "world", "seed", "score", "touched", "seconds"),
-        [(r, n, s.seed, f"{score:.4f}", s.collisions, s.tt_s) for score, r, n, s in everything],
-    )
-    limit = "" if chosen.v_max is None else f" No faster than {chosen.v_max:g} m/s."
-    context.table(
-        f"# {TITLE}\n\n{NOTE}{limit}\n\n{table(header, rows)}\n\n## The worst\n\n{of_worst}"
-    )
-
-
 CLIP_SCORE: Final = 1.0 / CLIPS[0]
-"""What nobody gets more than."""
+"""The highest score that there is."""
 
 
 def parts(numbers: Sequence[int]) -> dict[str, list[int]]:
@@ -214,21 +155,64 @@ def summarized(runs: Sequence[tuple[BarnWorld, Sample]]) -> dict[str, float]:
     }
 
 
-def picture(of: Cell, sample: Sample, path: Path) -> Path:
-    """A picture of a run."""
-    drive = BarnDrive(of, sample.seed)
-    drive.go()
-    watch, scenario = drive.watch, load_scenario(of.scenario)
-    start = watch.start or watch.goal
-    assert start is not None, "a world of the challenge has one"
-    run = Run(
-        path=watch.path,
-        start=start,
-        goal=watch.goal,
-        body=load_profile(of.robot or scenario.robot).body,
-        waypoints=watch.waypoints[:-1],
-        title=f"{of.name}, seed {sample.seed}",
-        caption=(sample.note or f"{sample.tt_s:.1f} s, {sample.td_m:.1f} m",),
+# The experiment -----------------------------------------------------------------------------------
+
+
+def _cells(context: Context) -> list[Cell]:
+    """Each world for each robot; their files are written into the folder."""
+    chosen, worlds = context.barn, _worlds(context)
+    folder = context.out / "worlds"
+    folder.mkdir(exist_ok=True)
+    files = {n: write(world, folder, chosen.v_max) for n, world in worlds.items()}
+    return [
+        Cell(f"{robot}-{n}", str(path), parameters=PARAMETERS, robot=robot)
+        for robot in chosen.robots or ROBOTS
+        for n, path in files.items()
+    ]
+
+
+def _worlds(context: Context) -> dict[int, BarnWorld]:
+    chosen = context.barn
+    worlds = read_worlds() if chosen.data is None else read_worlds(chosen.data)
+    return {n: worlds[n] for n in chosen.worlds or worlds}
+
+
+def _report(context: Context) -> str:
+    """Tables of all, and pictures of the worst."""
+    worlds, robots = _worlds(context), context.barn.robots or ROBOTS
+    found, rows = context.samples, []
+    context.summary = {}
+    for robot in robots:
+        for part, numbers in parts(list(worlds)).items():
+            summary = summarized([(worlds[n], s) for n in numbers for s in found[f"{robot}-{n}"]])
+            context.summary[f"{robot}, {part}"] = summary
+            runs, *shares = summary.values()
+            rows.append((robot, part, runs, *(f"{share:.3f}" for share in shares)))
+    scores = sorted(
+        (
+            (score_of(world, one), robot, n, one)
+            for robot in robots
+            for n, world in worlds.items()
+            for one in found[f"{robot}-{n}"]
+        ),
+        key=lambda row: row[:3],
     )
-    draw_run(load_world(scenario.world), run, path)
-    return path
+    listed = []
+    for score, robot, n, one in [row for row in scores if row[0] < CLIP_SCORE][:WORST]:
+        what = one.note or f"{one.tt_s:.1f} s, {one.td_m:.1f} m"
+        run = BarnDrive(context.cells[one.cell], one.seed).go()
+        drawing.picture(run, context.file(f"{one.cell}-{one.seed}.png"), what)
+        listed.append((robot, n, one.seed, f"{score:.3f}", what))
+    context.rows(
+        "scores",
+        ("robot", "world", "seed", "score", "touched", "seconds"),
+        [(r, n, s.seed, f"{score:.4f}", s.collisions, s.tt_s) for score, r, n, s in scores],
+    )
+    v_max = context.barn.v_max
+    limit = "" if v_max is None else f"No faster than {v_max:g} m/s.\n\n"
+    header = ("robot", "worlds", "runs", "reached", "touched", "too late", "s", "score", "of 0.25")
+    of_worst = table(("robot", "world", "seed", "score", "what happened"), listed)
+    return f"{limit}{table(header, rows)}\n\n## The worst\n\n{of_worst}"
+
+
+BARN: Final = Experiment(note=NOTE, parts=(driven(_cells, drive),), report=_report, runs=1)

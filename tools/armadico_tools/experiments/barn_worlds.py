@@ -11,9 +11,8 @@ Ground Navigation", SSRR 2020; the rule is `run.py` of github Daffan/the-barn-ch
 
 from __future__ import annotations
 
-from base64 import b64decode, b64encode
+from base64 import b64decode
 from binascii import Error as Base64Error
-from collections.abc import Iterable
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Final
@@ -91,21 +90,6 @@ def read_worlds(path: Path = SHIPPED) -> dict[int, BarnWorld]:
     if not worlds:
         raise ConfigError("no world in it", path)
     return dict(sorted(worlds.items()))
-
-
-def packed(worlds: Iterable[BarnWorld]) -> str:
-    """The worlds as lines. Raises ValueError for one that is not of the field's cells."""
-    lines = []
-    for world in worlds:
-        bits = 0
-        for x, y in sorted(set(world.cylinders) - set(FENCE)):
-            column, row = (round((v - at) / CELL_M) for v, at in zip((x, y), CORNER, strict=True))
-            if not (0 <= column < ROWS and 0 <= row < ROWS) or _cell(row, column) != (x, y):
-                raise ValueError(f"world {world.number}: ({x:g}, {y:g}) is no cell of the field")
-            bits |= 1 << (row * ROWS + column)
-        data = b64encode(bits.to_bytes(_BYTES, "little")).decode()
-        lines.append(f"{world.number} {world.path_m:g} {data}")
-    return "\n".join(lines) + "\n"
 
 
 def _cell(row: int, column: int) -> tuple[float, float]:

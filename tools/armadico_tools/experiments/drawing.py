@@ -1,13 +1,15 @@
-"""Figures of runs: worlds seen from above, with the paths of one or more runs."""
+"""The one writer of figures: worlds seen from above, with the paths of one or more runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from armadico.config.profile import load_profile
 from armadico.config.worlds import World, load_world
-from armadico.observe.pictures import FAINT, INK, SOFT, colour
+from armadico.observe.pictures import FAINT, INK, SOFT, Run, colour, draw_run
 from armadico_tools.experiments.driving import Drive
 
 if TYPE_CHECKING:
@@ -31,6 +33,25 @@ def sheet(rows: int, columns: int, width: float = 10.0, height: float = 6.0) -> 
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.subplots(rows, columns, squeeze=False)
     return figure
+
+
+def picture(run: Drive, path: Path, caption: str) -> None:
+    """One run that ended, as `armadico run` draws it."""
+    watch, scenario = run.watch, run.scenario
+    draw_run(
+        load_world(scenario.world),
+        Run(
+            path=watch.path,
+            start=watch.start or scenario.start,
+            goal=watch.goal,
+            body=load_profile(scenario.robot).body,
+            waypoints=watch.waypoints[:-1],
+            echoes=watch.echoes,
+            title=f"{run.cell.name}, seed {run.seed}",
+            caption=(caption,),
+        ),
+        path,
+    )
 
 
 def paths(axes: Axes, world: str, runs: Sequence[tuple[str, Drive]], title: str) -> None:

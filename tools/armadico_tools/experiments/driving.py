@@ -10,10 +10,8 @@ for 60 s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
-from itertools import takewhile
 from math import degrees, hypot
 from statistics import median
 from typing import Any
@@ -31,9 +29,9 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose
 from armadico.observe.conditions import Conditions
-from armadico.observe.measures import REACHED_M, Result, RunWatch
+from armadico.observe.measures import REACHED_M, RunWatch
 from armadico.runtime.errors import MissionRefusedError
-from armadico_tools.experiments.traces import Smoothness, Tick, Trace, smoothness
+from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
 
 REST_S = 2.0
 
@@ -89,11 +87,14 @@ class Sample(Struct, frozen=True):
     accel_step: float | None = None
     command_step_v: float | None = None
     command_step_w: float | None = None
-    last_metre_s: float | None = None  # from 1 m off the goal, for good, to the end
     pose_m: float | None = None  # median over the run of how far off the pose was,
     pose_end_m: float | None = None  # and at its end
     pose_end_deg: float | None = None
     note: str = ""
+
+
+Samples = dict[str, list[Sample]]
+"""Runs by the name of their cell, in the order of their seeds."""
 
 
 class Drive:
@@ -115,7 +116,7 @@ class Drive:
         """What the run's measures are taken from."""
         return self.rehearsal.watch
 
-    def go(self, each_second: Callable[[], None] | None = None) -> Drive:
+    def go(self) -> Drive:
         mesh = self.rehearsal.mesh
         try:
             self.rehearsal.start()
@@ -128,8 +129,6 @@ class Drive:
             mesh.run(min(mesh.now + 1.0, end), self._over)
             if self.cell.joins and began + self.cell.joins_at_s <= mesh.now:
                 self._join(self.cell.joins)
-            if each_second is not None:
-                each_second()
         return self
 
     def _compare(self, pose: Message) -> None:
@@ -145,7 +144,13 @@ class Drive:
 
     def sample(self) -> Sample:
         """The row of this run."""
-        row, shares = columns(self.watch.result())
+        result = structs.asdict(self.watch.result())
+        shares: dict[str, float] = dict(result["shares"])
+        row = {
+            field: value
+            for field, value in result.items()
+            if field in Sample.__struct_fields__ and field != "seed"
+        }
         ticks = self.trace.ticks
         resting = self._parked()
         if resting:
@@ -153,14 +158,13 @@ class Drive:
             row["tt_s"] = round(ticks[-1].t - ticks[0].t, 3)
             holders = [tick.holder for tick in ticks]
             shares = {name: share(name, holders) for name in SHARES.values()}
-        row |= of_thesis(shares, self._taking)
+        row |= {field: shares.get(n, 0.0) for field, n in SHARES.items() if n in self._taking}
         rough = Smoothness() if not ticks else smoothness(ticks)
         return Sample(
             cell=self.cell.name,
             seed=self.seed,
             arrived=((self.watch.done and not self.watch.failed) or resting) and self._at_goal(),
             believed_p_percent=self._believed(),
-            last_metre_s=last_metre(ticks, self.watch.goal),
             note=self._note(resting),
             **self._pose_errors(),
             **row,
@@ -224,30 +228,7 @@ class Drive:
         self._taking += (name,)
 
 
-def last_metre(ticks: Sequence[Tick], goal: tuple[float, float, float] | None) -> float | None:
-    """How long it took from where the robot was within 1 m of the goal for good, s."""
-    if goal is None:
-        return None
-    near = list(takewhile(lambda t: hypot(goal[0] - t.x, goal[1] - t.y) <= 1.0, reversed(ticks)))
-    return round(near[0].t - near[-1].t, 3) if near else None
-
-
 SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}
-
-
-def columns(result: Result) -> tuple[dict[str, Any], dict[str, float]]:
-    """What a sample takes of a run's measures, and the shares by agent."""
-    row = {
-        field: value
-        for field, value in structs.asdict(result).items()
-        if field in Sample.__struct_fields__ and field != "seed"
-    }
-    return row, dict(result.shares)
-
-
-def of_thesis(shares: Mapping[str, float], taking: Collection[str]) -> dict[str, float]:
-    """The thesis's shares, of the agents that took part."""
-    return {field: shares.get(n, 0.0) for field, n in SHARES.items() if n in taking}
 
 
 def share(name: str, holders: list[str | None]) -> float:
@@ -276,9 +257,9 @@ def options_of(cell: Cell) -> Options:
     return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
 
 
-def conditions_of(cell: Cell, mode: str) -> Conditions:
+def conditions_of(cell: Cell) -> Conditions:
     """What the cell's runs depend on."""
-    return conditions(scenario_of(cell), options_of(cell), mode)
+    return conditions(scenario_of(cell), options_of(cell), "virtual")
 
 
 def drive(task: tuple[Cell, int]) -> Sample:
@@ -287,10 +268,10 @@ def drive(task: tuple[Cell, int]) -> Sample:
     return Drive(cell, seed).go().sample()
 
 
-def key_of(cell: Cell, source: str) -> str:
-    """What a run depends on besides its seed, as 12 hex digits: the cell, its files, the code."""
+def key_of(cell: Cell) -> str:
+    """What a run depends on besides its seed and the code, as 12 hex digits: cell and files."""
     scenario = load_scenario(cell.scenario)
-    text = [repr(structs.replace(cell, scenario="", robot=None, parameters=None)), source]
+    text = [repr(structs.replace(cell, scenario="", robot=None, parameters=None))]
     text.append(repr(structs.replace(scenario, world="")))
     files = (("worlds", scenario.world), ("robots", cell.robot), ("parameters", cell.parameters))
     text += [read_text(find_config(kind, name)) for kind, name in files if name is not None]

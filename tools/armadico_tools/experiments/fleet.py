@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from random import Random
 from statistics import fmean
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from msgspec import Struct, structs
 
@@ -18,13 +18,9 @@ from armadico.mesh.link_faults import LinkFaults
 from armadico.mobile.messages import Waypoint
 from armadico_tools.experiments.central import Problem, auction, rounds, searched
 from armadico_tools.experiments.kinematic import CRUISE_M_S, TURN_S, Band
+from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
-if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "Fleets: tasks shared between robots"
-RUNS: Final = 10
 ROBOTS: Final = (1, 2, 4, 8)
 TASKS: Final = 40
 SIDE_M: Final = 20.0
@@ -209,32 +205,6 @@ def whole(task: tuple[int, int, bool, str]) -> Whole:
     )
 
 
-def run(context: Context) -> None:
-    """The table of makespans, the deaths, and a sample of whole societies."""
-    cells = [(robots, seed) for robots in ROBOTS for seed in context.seeds]
-    rows = context.map(shared, cells, "fleets")
-    context.rows("runs", Row.__struct_fields__, [structs.astuple(row) for row in rows])
-    first = context.seeds[0]
-    seeds = range(first, first + DEATHS * len(context.seeds))
-    deaths = context.map(death, [(s, LOSS if s % 3 == 0 else 0.0) for s in seeds], "deaths")
-    context.rows("deaths", Death.__struct_fields__, [structs.astuple(row) for row in deaths])
-    some = context.seeds[:WHOLE]
-    tasks = [(robots, seed, False, kind) for kind in SENSORS for robots in ROBOTS for seed in some]
-    tasks += [(KILLED, seed, True, "ideal") for seed in some]
-    societies = context.map(whole, tasks, "societies")
-    context.rows("societies", Whole.__struct_fields__, [structs.astuple(row) for row in societies])
-    context.summary = {
-        "makespan_s": {
-            n: round(fmean(r.shared_s for r in rows if r.robots == n), 1) for n in ROBOTS
-        },
-        "deaths": len(deaths),
-        "lost": sum(row.lost for row in rows) + sum(row.lost for row in deaths),
-        "twice": sum(row.twice for row in rows) + sum(row.twice for row in deaths),
-    }
-    tables = (_makespans(rows), _deaths(deaths), _whole(societies))
-    context.table("\n\n".join((f"# {TITLE}", NOTE, *tables)))
-
-
 def _makespans(rows: Sequence[Row]) -> str:
     head = ("robots", "runs", "shared s", "search s", "rounds s", "greedy auction s")
     more = ("shared / search", "shared / auction", "messages a task", "twice", "lost")
@@ -298,3 +268,44 @@ def _whole(societies: Sequence[Whole]) -> str:
         )
     text = "Whole societies and the simulator, the 12 tasks of the scenario `fleet`:"
     return f"{text}\n\n{table((*head, *more), body)}"
+
+
+# The experiment -----------------------------------------------------------------------------------
+
+
+def _deadly(context: Context) -> list[tuple[int, float]]:
+    first = context.first_seed
+    seeds = range(first, first + DEATHS * context.runs)
+    return [(seed, LOSS if seed % 3 == 0 else 0.0) for seed in seeds]
+
+
+def _societies(context: Context) -> list[tuple[int, int, bool, str]]:
+    some = context.seeds[:WHOLE]
+    tasks = [(robots, seed, False, kind) for kind in SENSORS for robots in ROBOTS for seed in some]
+    return tasks + [(KILLED, seed, True, "ideal") for seed in some]
+
+
+def _report(context: Context) -> str:
+    rows, deaths = context.found["runs"], context.found["deaths"]
+    context.summary = {
+        "makespan_s": {
+            n: round(fmean(r.shared_s for r in rows if r.robots == n), 1) for n in ROBOTS
+        },
+        "deaths": len(deaths),
+        "lost": sum(row.lost for row in (*rows, *deaths)),
+        "twice": sum(row.twice for row in (*rows, *deaths)),
+    }
+    tables = (_makespans(rows), _deaths(deaths), _whole(context.found["societies"]))
+    return "\n\n".join(tables)
+
+
+FLEET: Final = Experiment(
+    note=NOTE,
+    parts=(
+        Part("runs", shared, lambda context: [(n, s) for n in ROBOTS for s in context.seeds]),
+        Part("deaths", death, _deadly),
+        Part("societies", whole, _societies),
+    ),
+    report=_report,
+    runs=10,
+)

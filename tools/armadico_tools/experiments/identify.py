@@ -7,10 +7,10 @@ Every trial is estimated twice: by the thesis's least squares (4.31), and with i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import sqrt
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import Struct
@@ -19,6 +19,8 @@ from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics, Wheels
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load
+from armadico_tools.experiments import drawing
+from armadico_tools.experiments.runner import Context, Experiment, Part, Table
 from armadico_tools.identification import (
     ANGULAR,
     LINEAR,
@@ -33,12 +35,11 @@ from armadico_tools.identification import (
     response,
     truth,
 )
+from armadico_tools.markdown import table
 from armadico_tools.speed_log import Floats, Log
 
 if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "Tables 4.4 to 4.6, figures 4.8 to 4.10: identification of the dynamics"
+    from matplotlib.figure import Figure
 
 ROBOT: Final = "pioneer-2dx"
 PLANT_S: Final = 0.005
@@ -154,7 +155,7 @@ def record(
 
 
 class Found(Struct, frozen=True):
-    """What one method made of one trial with one seed."""
+    """What one method found in one trial with one seed."""
 
     trial: str
     seed: int
@@ -163,58 +164,18 @@ class Found(Struct, frozen=True):
 
 
 def measure(case: tuple[Trial, int]) -> list[Found]:
-    """One trial with one seed, by both methods. The wheels' friction is taken for known."""
+    """One trial with one seed, by both methods. The wheels' friction is taken as known."""
     trial, seed = case
     robot = profile()
     log = record(trial, seed, robot)
-    return [
-        Found(
-            trial.name,
-            seed,
-            name,
-            physical(method(log, robot, trial.motion, coupled=trial.coupled), robot),
-        )
+    estimates = {
+        name: method(log, robot, trial.motion, coupled=trial.coupled)
         for name, method in METHODS.items()
+    }
+    return [
+        Found(trial.name, seed, name, physical(estimate, robot))
+        for name, estimate in estimates.items()
     ]
-
-
-# Tables -------------------------------------------------------------------------------------------
-
-HEAD: Final = (
-    "| exp. | input | parameter | thesis | true | method | one log | mean | bias | sd |"
-    " 95 % half width | holds the true value |\n"
-    "| --- | --- | --- | ---: | ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n"
-)
-
-
-def summary(trials: Sequence[Trial], found: Sequence[Found], true: dict[str, float]) -> str:
-    """Table 4.4 or 4.5, the thesis's numbers beside ours."""
-    lines = []
-    for trial in trials:
-        for name in trial.motion.gives:
-            printed = THESIS[trial.name.split()[0]][name]
-            for method in reversed(METHODS):
-                mine = [
-                    one.values[name]
-                    for one in found
-                    if one.trial == trial.name and one.method == method
-                ]
-                lines.append(
-                    f"| {trial.name} | {trial.signal} | {name} | {printed:g} | {true[name]:.4g} |"
-                    f" {method} | {_spread(mine, true[name])} |"
-                )
-    return HEAD + "\n".join(lines) + "\n"
-
-
-def _spread(mine: Sequence[Interval], true: float) -> str:
-    values = [one.value for one in mine]
-    mean, spread = fmean(values), stdev(values) if len(values) > 1 else 0.0
-    holding = sum(one.holds(true) for one in mine)
-    half = fmean(one.half for one in mine)
-    return (
-        f"{values[0]:.4g} ± {mine[0].half:.2g} | {mean:.4g} | {mean - true:+.2g} | {spread:.2g} |"
-        f" {half:.2g} | {holding} of {len(mine)}"
-    )
 
 
 def pooled(found: Sequence[Found], trials: Sequence[Trial], seed: int) -> dict[str, Interval]:
@@ -252,29 +213,54 @@ def together(found: Sequence[Found], seed: int, robot: P2osRobot) -> dict[str, I
     return straight | turning
 
 
+# The experiment -----------------------------------------------------------------------------------
+
+SPREAD: Final = ("one log", "mean", "bias", "sd", "95 % half width", "holds the true value")
+
+
+def _spread(mine: Sequence[Interval], true: float) -> tuple[str, ...]:
+    """The cells under `SPREAD`."""
+    values = [one.value for one in mine]
+    mean, spread = fmean(values), stdev(values) if len(values) > 1 else 0.0
+    holding = sum(one.holds(true) for one in mine)
+    return (
+        *(f"{values[0]:.4g} ± {mine[0].half:.2g}", f"{mean:.4g}", f"{mean - true:+.2g}"),
+        *(f"{spread:.2g}", f"{fmean(one.half for one in mine):.2g}", f"{holding} of {len(mine)}"),
+    )
+
+
+def summary(trials: Sequence[Trial], found: Sequence[Found], true: dict[str, float]) -> str:
+    """Table 4.4 or 4.5, the thesis's numbers beside ours."""
+    rows = []
+    for trial in trials:
+        printed = THESIS[trial.name.split()[0]]
+        for name in trial.motion.gives:
+            for method in reversed(METHODS):
+                mine = [
+                    one.values[name]
+                    for one in found
+                    if one.trial == trial.name and one.method == method
+                ]
+                about = (trial.name, trial.signal, name, f"{printed[name]:g}", f"{true[name]:.4g}")
+                rows.append((*about, method, *_spread(mine, true[name])))
+    return table(("exp.", "input", "parameter", "thesis", "true", "method", *SPREAD), rows)
+
+
 def conclusion(found: Sequence[Found], seeds: Sequence[int], robot: P2osRobot) -> str:
     """Table 4.6, and how often an interval excludes zero."""
     true = truth(robot) | {"I_0": robot.inertia.body_kg_m2}
     printed = THESIS["4.6"] | {"I_0": 0.3}
     every = [together(found, seed, robot) for seed in seeds]
-    lines = []
+    rows = []
     for name in (*LINEAR.gives, *ANGULAR.gives, "I_0"):
         mine = [one[name] for one in every]
-        apart = sum(not one.holds(0.0) for one in mine)
-        lines.append(
-            f"| {name} | {printed[name]:g} | {true[name]:.4g} | {_spread(mine, true[name])} |"
-            f" {apart} of {len(mine)} | {fmean(one.half for one in mine) / true[name]:.3g} |"
-        )
-    return (
-        "| parameter | thesis | true | one log of each trial | mean | bias | sd | 95 % half width |"
-        " holds the true value | excludes zero | half width / true |\n"
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
-        + "\n".join(lines)
-        + "\n"
+        apart = f"{sum(not one.holds(0.0) for one in mine)} of {len(mine)}"
+        width = f"{fmean(one.half for one in mine) / true[name]:.3g}"
+        about = (name, f"{printed[name]:g}", f"{true[name]:.4g}")
+        rows.append((*about, *_spread(mine, true[name]), apart, width))
+    return table(
+        ("parameter", "thesis", "true", *SPREAD, "excludes zero", "half width / true"), rows
     )
-
-
-# Figures ------------------------------------------------------------------------------------------
 
 
 def validation(seed: int, robot: P2osRobot) -> tuple[Log, Floats]:
@@ -285,30 +271,28 @@ def validation(seed: int, robot: P2osRobot) -> tuple[Log, Floats]:
     return log, response(log, robot, model)
 
 
-def figures(log: Log, model: Floats, robot: P2osRobot) -> dict[str, Any]:
+def _figures(context: Context) -> Iterator[tuple[str, Figure]]:
     """Figures 4.8 to 4.10."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, and slow
-
-    inputs, outputs, checks = (Figure(figsize=(7, h), layout="constrained") for h in (5, 3, 5))
-    volts, newtons, speed = inputs.subplots(3, 1, sharex=True)
-    volts.plot(log.t, log.left_v)
-    volts.set(ylabel="V2 = V3 [V]", title="a step forward and backward (figure 4.8)")
-    newtons.plot(log.t, force(log, robot, LINEAR, coupled=False))
-    newtons.set(ylabel="F [N]")
-    speed.plot(log.t, log.v, linewidth=0.8)
-    speed.set(ylabel="v [m/s]", xlabel="t [s]")
-    axes = outputs.subplots()
+    robot = profile()
+    log, model = validation(context.first_seed, robot)
+    residuals, lags = log.v - model, 50
+    inputs = drawing.sheet(3, 1, 7, 5)
+    newtons = force(log, robot, LINEAR, coupled=False)
+    for axes, values, label in zip(
+        inputs.axes, (log.left_v, newtons, log.v), ("V2 = V3 [V]", "F [N]", "v [m/s]"), strict=True
+    ):
+        axes.plot(log.t, values, linewidth=0.8)
+        axes.set(ylabel=label, xlabel="t [s]")
+    yield "figure-4.8", inputs
+    outputs = drawing.sheet(1, 1, 7, 3)
+    (axes,) = outputs.axes
     axes.plot(log.t, log.v, linewidth=0.8, label="robot")
     axes.plot(log.t, model, label="model")
     axes.set(ylabel="v [m/s]", xlabel="t [s]", title="robot and model (figure 4.9)")
     axes.legend()
-    _residuals(checks, log, model)
-    return {"figure-4.8": inputs, "figure-4.9": outputs, "figure-4.10": checks}
-
-
-def _residuals(figure: Any, log: Log, model: Floats) -> None:
-    residuals, lags = log.v - model, 50
-    over_time, histogram, related = figure.subplots(3, 1)
+    yield "figure-4.9", outputs
+    checks = drawing.sheet(3, 1, 7, 5)
+    over_time, histogram, related = checks.axes
     over_time.plot(log.t, residuals, linewidth=0.8)
     over_time.set(ylabel="residual [m/s]", xlabel="t [s]", title="residuals (figure 4.10)")
     histogram.hist(residuals, bins=25)
@@ -317,59 +301,62 @@ def _residuals(figure: Any, log: Log, model: Floats) -> None:
     for limit in (1.0, -1.0):
         related.axhline(limit * 1.96 / sqrt(len(residuals)), linestyle="--", linewidth=0.8)
     related.set(xlabel="lag [s]", ylabel="autocorrelation")
+    yield "figure-4.10", checks
 
 
 def remarks(log: Log, model: Floats, robot: P2osRobot) -> str:
     """The numbers of figure 4.10, and what 4.5 cannot give."""
     residuals = log.v - model
     inside = np.abs(autocorrelation(residuals, 50)[1:]) < 1.96 / sqrt(len(residuals))
-    steady = Wheels.of(robot).coulomb_nm * 2.0 * robot.body.half_track_m
-    pivot = robot.inertia.caster_coulomb_nm
+    ratio = 2.0 * robot.body.half_track_m / robot.body.wheel_radius_m
     return (
         f"Residuals of the validation: mean {residuals.mean():.2g} m/s (thesis -1.5e-04), standard"
         f" deviation {residuals.std():.4f} m/s (thesis 0.0367), {inside.mean():.0%} of 50"
         " autocorrelations inside the 95 % band of white noise.\n\n"
-        f"C_s1 is {pivot:g} Nm beside {steady / robot.body.wheel_radius_m:.3g} Nm of the driving"
-        " wheels. A rotation about the axle's middle settles with the caster at rest in the robot"
-        " (cos beta = -d / l1), where its pivot does not rub at all, so C_s1 and C_v1 act in"
-        " transients only. The thesis's own C_s (table 4.4: 0.2921 to 0.3349) leaves C_s1 uncertain"
-        f" by {2.0 * robot.body.half_track_m / robot.body.wheel_radius_m * 0.0214:.2g} Nm; its"
-        " table 4.5 has it to 0.000005 Nm.\n"
+        f"C_s1 is {robot.inertia.caster_coulomb_nm:g} Nm beside"
+        f" {Wheels.of(robot).coulomb_nm * ratio:.3g} Nm of the driving wheels. A rotation about the"
+        " axle's middle settles with the caster at rest in the robot (cos beta = -d / l1), where"
+        " its pivot has no friction, so C_s1 and C_v1 act in transients only. The thesis's own C_s"
+        " (table 4.4: 0.2921 to 0.3349) leaves C_s1 uncertain by"
+        f" {ratio * 0.0214:.2g} Nm; its table 4.5 has it to 0.000005 Nm.\n"
     )
 
 
-def run(context: Context) -> None:
-    """Every trial with every seed; tables, figures, raw numbers."""
-    seeds = [context.first_seed + n for n in range(context.runs)]
-    trials, robot = (*STRAIGHT, *TURNING), profile()
-    cases = [(trial, seed) for trial in trials for seed in seeds]
-    found = [one for many in context.map(measure, cases, "identify") for one in many]
-    context.rows(
-        "estimates",
-        ("trial", "seed", "method", "parameter", "value", "half_95"),
-        (
-            (one.trial, one.seed, one.method, name, f"{it.value:.9g}", f"{it.half:.9g}")
-            for one in found
-            for name, it in one.values.items()
-        ),
+def _rows(many: Sequence[Sequence[Found]]) -> Table:
+    return ("trial", "seed", "method", "parameter", "value", "half_95"), (
+        (one.trial, one.seed, one.method, name, f"{it.value:.9g}", f"{it.half:.9g}")
+        for both in many
+        for one in both
+        for name, it in one.values.items()
     )
-    log, model = validation(seeds[0], robot)
+
+
+def _report(context: Context) -> str:
+    found, robot = [one for both in context.found["estimates"] for one in both], profile()
     true = truth(robot)
-    context.table(
-        f"# {TITLE}\n\n{NOTE.format(runs=context.runs)}\n"
-        f"## Table 4.4, straight ahead\n\n{summary(STRAIGHT, found, true)}\n"
-        f"## Table 4.5, turning\n\n{summary(TURNING, found, true)}\n"
-        f"## Table 4.6\n\n{conclusion(found, seeds, robot)}\n{remarks(log, model, robot)}"
+    return (
+        f"## Table 4.4, straight ahead\n\n{summary(STRAIGHT, found, true)}\n\n"
+        f"## Table 4.5, turning\n\n{summary(TURNING, found, true)}\n\n"
+        f"## Table 4.6\n\n{conclusion(found, context.seeds, robot)}\n\n"
+        f"{remarks(*validation(context.first_seed, robot), robot)}"
     )
-    for name, figure in figures(log, model, robot).items():
-        context.figure(figure, name)
 
 
-NOTE: Final = (
-    "{runs} logs of each trial, 60 s at 50 Hz, noise of 0.0367 m/s on v and on a rim's speed when"
-    " turning. Units: kg, kg m2, Nm s, Nm. `one log` is the first seed's, with its 95 % interval;"
-    " mean, bias and sd are over the seeds. `printed`: (4.35) as printed, V2 = -V3; `held`: v held"
-    " at 0 by the linear PI loop; `mended`: that, and the couple M x v w taken off Gamma. In tables"
-    " 4.4 and 4.5 each parameter stands by itself (the wheels' friction known to 4.5); in 4.6 the"
-    " friction found straight ahead is what the turning's is reckoned from.\n"
+def _cases(context: Context) -> list[tuple[Trial, int]]:
+    return [(trial, seed) for trial in (*STRAIGHT, *TURNING) for seed in context.seeds]
+
+
+IDENTIFY: Final = Experiment(
+    note=(
+        "A log of each trial for each seed, 60 s at 50 Hz, noise of 0.0367 m/s on v and on a rim's"
+        " speed when turning. Units: kg, kg m2, Nm s, Nm. `one log` is the first seed's, with its"
+        " 95 % interval; mean, bias and sd are over the seeds. `printed`: (4.35) as printed, V2 ="
+        " -V3; `held`: v held at 0 by the linear PI loop; `mended`: that, and the couple M x v w"
+        " subtracted from Gamma. In tables 4.4 and 4.5 each parameter is estimated alone (4.5 takes"
+        " the wheels' friction as known); 4.6 computes turning from the friction found straight"
+        " ahead."
+    ),
+    parts=(Part("estimates", measure, _cases, _rows),),
+    report=_report,
+    figures=_figures,
 )

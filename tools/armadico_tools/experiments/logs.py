@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -20,14 +20,8 @@ from armadico.observe import localizing, logs
 from armadico.observe.localizing import Chosen, Summary
 from armadico.observe.logs import Log, LogError, Scans
 from armadico_tools.experiments.likelihood_filter import LikelihoodFilter, filtered, points
+from armadico_tools.experiments.runner import Context, Experiment, Part, Table
 from armadico_tools.markdown import table
-
-if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "Logs of real robots: the localization agent beside a plain filter"
-RUNS: Final = 3
-FIRST_SEED: Final = 1
 
 SUFFIXES: Final = (".npz", ".log", ".gz", ".clf", ".mcap")
 NOISES: Final = (0.05, 0.15)
@@ -99,40 +93,6 @@ class Explained(Struct, frozen=True):
     part: str
     over: str
     share: float
-
-
-def run(context: Context) -> None:
-    """A table of runs that know their start, and one of those that do not."""
-    found = list(files(context.logs))
-    folder = context.out / "maps"
-    folder.mkdir(exist_ok=True)
-    tasks = [task for path in found for task in tasks_of(path, found, context.seeds, folder)]
-    maps = dict.fromkeys((task.map_of, task.part, str(folder)) for task in tasks)
-    context.map(make, list(maps), "maps")
-    ways = dict.fromkeys(_without_seed(task) for task in tasks if task.place < 0)
-    explained = context.map(explain, list(ways), "maps against scans")
-    rows = context.map(drive, tasks, "logs")
-    names = Summary.__struct_fields__
-    head = ("log", "noise", "part", "over", "seed", "by", "place")
-    context.rows(
-        "logs",
-        (*head, *(name for name in names if name != "events"), "lost_at"),
-        [list(_cells(row)) for row in rows if row.found is not None],
-    )
-    context.summary = {
-        f"{row.log} {row.noise:g} {row.part} {row.over} {row.seed} {row.by} {row.place}": (
-            row.why if row.found is None else msgspec.to_builtins(row.found)
-        )
-        for row in rows
-    }
-    known = [row for row in rows if row.place < 0]
-    unknown = [row for row in rows if row.place >= 0]
-    shares = {(one.log, one.part, one.over): one.share for one in explained}
-    why = "\n".join(dict.fromkeys(f"- {row.log}: {row.why}." for row in rows if row.why))
-    context.table(
-        f"# {TITLE}\n\n{NOTE}\n\n{tracked(known, shares)}\n\n# Without knowing the start\n\n"
-        f"{FOUND_NOTE}\n\n{globally(unknown)}\n\n{why}"
-    )
 
 
 def files(folder: Path | None) -> Iterator[Path]:
@@ -247,13 +207,19 @@ def _from(log: Log, readings: Sequence[int], place: int) -> list[int]:
 # Tables -------------------------------------------------------------------------------------------
 
 
-def _cells(row: Row) -> Iterator[object]:
-    assert row.found is not None, "only rows that were gone through are written"
-    yield from (row.log, row.noise, row.part, row.over, row.seed, row.by, row.place)
-    for name in Summary.__struct_fields__:
-        if name != "events":
-            yield getattr(row.found, name)
-    yield " ".join(f"{one.event}@{one.t:g}" for one in row.found.events)
+def _rows(found: Sequence[Row]) -> Table:
+    """A row for each run that could be made."""
+    about = ("log", "noise", "part", "over", "seed", "by", "place")
+    measures = [name for name in Summary.__struct_fields__ if name != "events"]
+    return (*about, *measures, "lost_at"), [
+        (
+            *(getattr(row, name) for name in about),
+            *(getattr(row.found, name) for name in measures),
+            " ".join(f"{one.event}@{one.t:g}" for one in row.found.events),
+        )
+        for row in found
+        if row.found is not None
+    ]
 
 
 def tracked(rows: Sequence[Row], shares: dict[tuple[str, str, str], float]) -> str:
@@ -323,3 +289,52 @@ def globally(rows: Sequence[Row]) -> str:
             )
         )
     return table(head, cells)
+
+
+# The experiment -----------------------------------------------------------------------------------
+
+
+def _tasks(context: Context) -> list[Task]:
+    found, folder = list(files(context.logs)), context.out / "maps"
+    folder.mkdir(exist_ok=True)
+    return [task for path in found for task in tasks_of(path, found, context.seeds, folder)]
+
+
+def _maps(context: Context) -> list[tuple[str, str, str]]:
+    return list(dict.fromkeys((t.map_of, t.part, t.folder) for t in _tasks(context)))
+
+
+def _explained(context: Context) -> list[Task]:
+    return list(dict.fromkeys(_without_seed(t) for t in _tasks(context) if t.place < 0))
+
+
+def _report(context: Context) -> str:
+    """A table of runs that know their start, and one of those that do not."""
+    rows = context.found["logs"]
+    context.summary = {
+        f"{row.log} {row.noise:g} {row.part} {row.over} {row.seed} {row.by} {row.place}": (
+            row.why if row.found is None else msgspec.to_builtins(row.found)
+        )
+        for row in rows
+    }
+    known = [row for row in rows if row.place < 0]
+    unknown = [row for row in rows if row.place >= 0]
+    shares = {(one.log, one.part, one.over): one.share for one in context.found["scans on maps"]}
+    why = "\n".join(dict.fromkeys(f"- {row.log}: {row.why}." for row in rows if row.why))
+    return (
+        f"{tracked(known, shares)}\n\n# Without knowing the start\n\n"
+        f"{FOUND_NOTE}\n\n{globally(unknown)}\n\n{why}"
+    )
+
+
+LOGS: Final = Experiment(
+    note=NOTE,
+    parts=(
+        Part("maps", make, _maps, None),
+        Part("scans on maps", explain, _explained, None),
+        Part("logs", drive, _tasks, _rows),
+    ),
+    report=_report,
+    runs=3,
+    first_seed=1,
+)

@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 from statistics import fmean
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from msgspec import Struct, structs
 
@@ -21,14 +21,9 @@ from armadico.config.worlds import load_world
 from armadico.core.messages import Message
 from armadico.launch.society import Options
 from armadico.mobile.messages import MissionStatus, Truth
-from armadico_tools.experiments.fleet import with_sensors
+from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
-if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "Fleets in narrow worlds"
-RUNS: Final = 10
 JOIN_S: Final = 3.0
 LIMIT_S: Final = 900.0
 STEP_S: Final = 0.5
@@ -185,23 +180,25 @@ def map_of(free: Sequence[Rectangle]) -> str:
     def covered(x: float, y: float) -> bool:
         return any(x1 < x < x2 and y1 < y < y2 for x1, y1, x2, y2 in free)
 
-    lines = []
-    for k, x in enumerate(xs):
-        for a, b in pairwise(ys):
-            beside = [
-                covered((xs[i] + xs[i + 1]) / 2, (a + b) / 2) if 0 <= i < len(xs) - 1 else False
-                for i in (k - 1, k)
-            ]
-            if beside[0] != beside[1]:
-                lines.append((x, a, x, b))
-    for k, y in enumerate(ys):
-        for a, b in pairwise(xs):
-            beside = [
-                covered((a + b) / 2, (ys[i] + ys[i + 1]) / 2) if 0 <= i < len(ys) - 1 else False
-                for i in (k - 1, k)
-            ]
-            if beside[0] != beside[1]:
-                lines.append((a, y, b, y))
+    def borders(at: float, among: Sequence[float], middle: Callable[[float], bool]) -> bool:
+        """Whether a coordinate parts what is covered from what is not."""
+        k = among.index(at)
+        sides = [among[k - 1 : k + 1], among[k : k + 2]]
+        low, high = (len(side) == 2 and middle(sum(side) / 2) for side in sides)
+        return low != high
+
+    lines = [
+        (x, a, x, b)
+        for x in xs
+        for a, b in pairwise(ys)
+        if borders(x, xs, lambda at, y=(a + b) / 2: covered(at, y))  # type: ignore[misc]
+    ]
+    lines += [
+        (a, y, b, y)
+        for y in ys
+        for a, b in pairwise(xs)
+        if borders(y, ys, lambda at, x=(a + b) / 2: covered(x, at))  # type: ignore[misc]
+    ]
     head = ["2D-Map", "LineMinPos: 0 0", f"LineMaxPos: {_mm(xs[-1])} {_mm(ys[-1])}"]
     body = [" ".join(_mm(end) for end in line) for line in lines]
     return "\n".join([*head, f"NumLines: {len(lines)}", "LINES", *body, "DATA", ""])
@@ -211,9 +208,9 @@ def _mm(metres: float) -> str:
     return str(round(1000 * metres))
 
 
-def scenario_of(world: str, starts: Sequence[ScenarioPose], path: str, sensors: str) -> Scenario:
+def scenario_of(world: str, starts: Sequence[ScenarioPose], path: str) -> Scenario:
     """The fleet's scenario in another world, with goals for each robot instead of tasks."""
-    fleet = with_sensors(load_scenario("fleet"), sensors)
+    fleet = load_scenario("fleet")
     return structs.replace(fleet, name=world, world=path, start=starts[0], others=tuple(starts[1:]))
 
 
@@ -280,12 +277,6 @@ class _Watch:
 def passing(task: tuple[str, int, int]) -> Row:
     """One run: each robot is sent to its goal at once."""
     world, robots, seed = task
-    return _passing(world, robots, seed)[0]
-
-
-def _passing(
-    world: str, robots: int, seed: int, sensors: str = "ideal", limit: float = LIMIT_S
-) -> tuple[Row, FleetRehearsal]:
     rng = Random(f"{world}/{seed}")
     made = WORLDS[world]
     routes = made.routes[:robots]
@@ -301,7 +292,7 @@ def _passing(
         path = Path(folder, "narrow.map")
         if made.free:
             path.write_text(map_of(made.free))
-        scenario = scenario_of(world, starts, made.world or str(path), sensors)
+        scenario = scenario_of(world, starts, made.world or str(path))
         fleet = FleetRehearsal(scenario, Options(seed=seed), robots)
         mesh, watch = fleet.mesh, _Watch(passages_of(load_world(scenario.world)))
         for name in fleet.names:
@@ -312,7 +303,7 @@ def _passing(
             client = fleet.robots[name].client
             client.listen(MissionStatus)
             under_way[name] = client.goto(x, y, radians(degrees))
-        while under_way and mesh.now < begun + limit:
+        while under_way and mesh.now < begun + LIMIT_S:
             mesh.run(mesh.now + STEP_S)
             for name, mission in list(under_way.items()):
                 if mission.reached or mission.failed is not None:
@@ -323,31 +314,11 @@ def _passing(
     failed += [f"{name}: time is up" for name in under_way]
     took = round(mesh.now - begun, 1) if reached == robots else None
     contacts = sum(truth.collisions for truth in watch.truth.values())
-    row = Row(world, robots, seed, reached, took, contacts, *watch.waited(), tuple(failed))
-    return row, fleet
+    return Row(world, robots, seed, reached, took, contacts, *watch.waited(), tuple(failed))
 
 
 def _shower(watch: _Watch, name: str) -> Callable[[str, Message, float], None]:
     return lambda _key, message, _now: watch.show(name, message)
-
-
-def run(context: Context) -> None:
-    """Every world with two to five robots."""
-    tasks = [
-        (world, robots, seed)
-        for world, made in WORLDS.items()
-        for robots in ROBOTS
-        for seed in context.seeds
-        if robots <= len(made.routes)
-    ]
-    rows = context.map(passing, tasks, "narrow worlds")
-    context.rows("runs", Row.__struct_fields__, [structs.astuple(row) for row in rows])
-    context.summary = {
-        "reached": sum(row.reached for row in rows),
-        "of": sum(row.robots for row in rows),
-        "contacts": sum(row.contacts for row in rows),
-    }
-    context.table(f"# {TITLE}\n\n{passing_table(rows)}")
 
 
 def passing_table(rows: Sequence[Row]) -> str:
@@ -369,14 +340,31 @@ def passing_table(rows: Sequence[Row]) -> str:
             )
         )
     head = (
-        "world",
-        "robots",
-        "runs",
-        "reached",
-        "contacts",
-        "s, mean",
-        "s, worst",
-        "waited s",
-        "central s",
+        *("world", "robots", "runs", "reached", "contacts", "s, mean", "s, worst"),
+        *("waited s", "central s"),
     )
-    return table((*head, "waited s", "central s"), body)
+    return table(head, body)
+
+
+def _tasks(context: Context) -> list[tuple[str, int, int]]:
+    """Every world with two to five robots."""
+    return [
+        (world, robots, seed)
+        for world, made in WORLDS.items()
+        for robots in ROBOTS
+        for seed in context.seeds
+        if robots <= len(made.routes)
+    ]
+
+
+def _report(context: Context) -> str:
+    rows = context.found["runs"]
+    context.summary = {
+        "reached": sum(row.reached for row in rows),
+        "of": sum(row.robots for row in rows),
+        "contacts": sum(row.contacts for row in rows),
+    }
+    return passing_table(rows)
+
+
+NARROW: Final = Experiment(parts=(Part("runs", passing, _tasks),), report=_report, runs=10)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isnan, sqrt
-from statistics import fmean, median, stdev
+from statistics import fmean, stdev
 
 from msgspec import Struct
 
@@ -53,46 +53,6 @@ def paired(a: Sequence[float], b: Sequence[float]) -> float | None:
     from scipy.stats import wilcoxon  # noqa: PLC0415
 
     return _p(wilcoxon(a, b).pvalue)
-
-
-def alone(first: int, second: int) -> float:
-    """McNemar's exact p: of pairs in which one arm alone succeeds, so many are the first's."""
-    from scipy.stats import binomtest  # noqa: PLC0415
-
-    return float(binomtest(first, first + second).pvalue) if first + second else 1.0
-
-
-def unpaired(a: Sequence[float], b: Sequence[float]) -> float | None:
-    """Mann and Whitney's p for two samples; None if all values are one, or for one run."""
-    if len(a) < 2 or len(b) < 2 or len({*a, *b}) == 1:
-        return None
-    from scipy.stats import mannwhitneyu  # noqa: PLC0415
-
-    return _p(mannwhitneyu(a, b).pvalue)
-
-
-def shift(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    """How far `a` lies above `b`, with its 95 % interval (Hodges and Lehmann).
-
-    The median of all differences, and the interval in which Mann and Whitney's test would not
-    separate them, by the normal approximation. Neither sample may be empty.
-    """
-    differences = sorted(x - y for x in a for y in b)
-    count = len(differences)
-    cut = count / 2 - 1.96 * sqrt(count * (len(a) + len(b) + 1) / 12.0)
-    lowest = min(max(int(cut), 0), (count - 1) // 2)
-    return median(differences), differences[lowest], differences[count - 1 - lowest]
-
-
-def holm(ps: Sequence[float | None]) -> list[float | None]:
-    """Corrected for the number of tests (Holm 1979); None, which was no test, stays None."""
-    order = sorted((p, index) for index, p in enumerate(ps) if p is not None)
-    found: list[float | None] = [None] * len(ps)
-    worst = 0.0
-    for rank, (p, index) in enumerate(order):
-        worst = max(worst, min(1.0, (len(order) - rank) * p))
-        found[index] = worst
-    return found
 
 
 def at_least(reached: int, n: int) -> float:

@@ -30,15 +30,12 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import BatteryLevel, Truth
 from armadico.runtime.errors import SocietyError
+from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "A day of surveillance"
-RUNS: Final = 10
 SCENARIO: Final = "surveillance"
 HOURS: Final = 8.0
 
@@ -272,15 +269,6 @@ def day(task: tuple[int, float]) -> Day:
     return Watchman(*task).go()
 
 
-def run(context: Context) -> None:
-    """Live through the days, and write the table."""
-    days = context.map(day, [(seed, HOURS) for seed in context.seeds], context.out.name)
-    fields = Day.__struct_fields__
-    context.rows("days", fields, [[getattr(d, f) for f in fields] for d in days])
-    context.table(f"# {TITLE}\n\n{NOTE}\n\n{as_table(days)}")
-    context.summary |= {str(d.seed): structs.asdict(d) for d in days}
-
-
 def as_table(days: Sequence[Day]) -> str:
     """One row a day, and all together."""
     head = (
@@ -297,3 +285,17 @@ def as_table(days: Sequence[Day]) -> str:
         for d in days
     ]
     return table(head, rows)
+
+
+def _report(context: Context) -> str:
+    days = context.found["days"]
+    context.summary = {str(each.seed): structs.asdict(each) for each in days}
+    return as_table(days)
+
+
+SURVEILLANCE: Final = Experiment(
+    note=NOTE,
+    parts=(Part("days", day, lambda context: [(seed, HOURS) for seed in context.seeds]),),
+    report=_report,
+    runs=10,
+)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from statistics import fmean
 from typing import Final
 
 from msgspec import Struct
 
-from armadico_tools.experiments.driving import Sample
+from armadico_tools.experiments.driving import Sample, Samples
 from armadico_tools.experiments.published import Numbers, Value
 from armadico_tools.experiments.statistics import Spread, against, paired, spread
 from armadico_tools.markdown import table
@@ -84,6 +84,50 @@ def compare(columns: Sequence[Column], measures: dict[str, str] | None = None) -
         if any(text != "-" for text in cells[1:]):
             rows.append(cells)
     return table(header, rows) + "\n"
+
+
+Block = Callable[[Samples], str]
+"""A part of a section: it makes Markdown of the runs."""
+
+
+def arms(
+    columns: Iterable[tuple[str, str, Numbers | None]], measures: dict[str, str] | None = None
+) -> Block:
+    """Cells side by side: for each a title, its name, and the thesis's numbers if it has any."""
+    chosen = list(columns)
+    return lambda samples: compare(
+        [Column(title, samples[cell], published) for title, cell, published in chosen], measures
+    )
+
+
+def change(title: str, first: str, second: str, measures: dict[str, str]) -> Block:
+    """What changes from one cell to another with the same seeds."""
+    return lambda samples: differences(title, samples[first], samples[second], measures)
+
+
+def sections(of: dict[str, Sequence[Block]], samples: Samples) -> str:
+    """Each under its heading; none where the heading is empty."""
+    return "\n".join(
+        (f"## {heading}\n\n" if heading else "") + "\n".join(block(samples) for block in blocks)
+        for heading, blocks in of.items()
+    )
+
+
+def failures(samples: Iterable[Sample]) -> str:
+    """The runs that did not reach the goal or touched something, seed by seed."""
+    bad = [one for one in samples if not one.reached or one.collisions]
+    if not bad:
+        return "Every run reached the goal and touched nothing.\n"
+    head = ("arm", "seed", "reached", "collisions", "P %", "FO deg", "TT s", "note")
+    rows = (
+        (
+            *(one.cell, one.seed, "yes" if one.reached else "no", one.collisions or 0),
+            *(f"{number:.1f}" for number in (one.p_percent, one.fo_deg, one.tt_s)),
+            one.note,
+        )
+        for one in bad
+    )
+    return f"## Runs that failed\n\n{table(head, rows)}\n"
 
 
 MANY_TIMES: Final = 5.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from statistics import median
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from msgspec import Struct
 
@@ -12,13 +12,9 @@ from armadico.agents.missions.messages import Board, ChargeState, ChargeStatus, 
 from armadico.config.scenarios import Battery
 from armadico.mobile.messages import Planned, Truth
 from armadico_tools.building import Building, text
+from armadico_tools.experiments.runner import Context, Experiment, Part, Table
 from armadico_tools.markdown import table
 
-if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
-
-TITLE: Final = "The use cases of thesis 3.2"
-RUNS: Final = 10
 SENSORS: Final = ("ideal", "real")
 
 THERE_AND_BACK: Final = text('do = "move", to = "R1"', 'do = "move", to = "hall"')
@@ -135,24 +131,18 @@ def come(task: tuple[str, str, int]) -> Came:
     return Came(name, sensors, seed, took, tuple(demands), fault)
 
 
-def run(context: Context) -> None:
-    """Each use case with each kind of sensors and each seed, and the table."""
-    tasks = [(name, kind, seed) for name in CASES for kind in SENSORS for seed in context.seeds]
-    found = context.map(come, tasks, context.out.name)
-    head = "case", "sensors", "seed", "took_s", "unmet", "fault"
-    context.rows("runs", head, [_row(came) for came in found])
-    context.table(f"# {TITLE}\n\n{NOTE}\n\n{as_table(found)}")
-    context.summary |= {"runs": len(found), "as asked": sum(map(as_asked, found))}
-
-
 def as_asked(came: Came) -> bool:
     """Whether all came that was asked for."""
     return not came.fault and all(so for _, so in came.demands)
 
 
-def _row(came: Came) -> list[object]:
-    unmet = "; ".join(what for what, so in came.demands if not so)
-    return [came.case, came.sensors, came.seed, round(came.took_s, 1), unmet, came.fault]
+def _rows(found: Sequence[Came]) -> Table:
+    head = "case", "sensors", "seed", "took_s", "unmet", "fault"
+    unmet = ["; ".join(what for what, so in came.demands if not so) for came in found]
+    return head, [
+        (came.case, came.sensors, came.seed, round(came.took_s, 1), what, came.fault)
+        for came, what in zip(found, unmet, strict=True)
+    ]
 
 
 def as_table(found: list[Came]) -> str:
@@ -174,3 +164,18 @@ def _whole(arm: list[Came]) -> str:
     good = [came.took_s for came in arm if as_asked(came)]
     took = f", {median(good):.0f} s" if good else ""
     return f"**{len(good)} of {len(arm)}**{took}"
+
+
+def _tasks(context: Context) -> list[tuple[str, str, int]]:
+    return [(name, kind, seed) for name in CASES for kind in SENSORS for seed in context.seeds]
+
+
+def _report(context: Context) -> str:
+    found = context.found["runs"]
+    context.summary = {"runs": len(found), "as asked": sum(map(as_asked, found))}
+    return as_table(found)
+
+
+USE_CASES: Final = Experiment(
+    note=NOTE, parts=(Part("runs", come, _tasks, _rows),), report=_report, runs=10
+)
