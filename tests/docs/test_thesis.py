@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import re
 
-import pytest
-
 from armadico.config.parameters import load_set
-from armadico_tools.experiments.statistics import alone
 from tests.docs.blocks import ROOT
 
 PAGE = ROOT / "docs" / "thesis.md"
@@ -43,9 +40,3 @@ def test_each_departure_names_the_section_and_the_code_that_departs() -> None:
         for path, name in places:
             text = (ROOT / path).read_text(encoding="utf-8")
             assert re.search(rf"^\s*(?:def |class )?{name}\b[^\n]*[:=(]", text, re.MULTILINE), row
-
-
-def test_the_exact_p_of_pairs() -> None:
-    assert alone(0, 0) == 1.0
-    assert alone(5, 0) == pytest.approx(2 * 0.5**5)
-    assert alone(0, 5) == alone(5, 0)

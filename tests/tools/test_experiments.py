@@ -3,60 +3,32 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace as replace_experiment
+from importlib import import_module
 from itertools import pairwise
-from math import hypot, pi
+from math import hypot
 from pathlib import Path
 
 import pytest
-from msgspec import Struct, structs
+from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.agents.methods.geometry import Placed
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
-from armadico.config.worlds import World, load_world
-from armadico.core.agent import Identity, Publish
-from armadico.core.messages import Cycle, RobotState
-from armadico.mobile.messages import Correction, Pose
+from armadico.config.worlds import load_world
 from armadico.observe.conditions import software
-from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import (
     EXPERIMENTS,
-    base,
-    floors,
-    other_maps,
+    foreign_worlds,
     published,
+    runner,
     statistics,
-    store,
-    utility,
+    thesis,
 )
-from armadico_tools.experiments.base import Context
-from armadico_tools.experiments.driving import (
-    Cell,
-    Drive,
-    Sample,
-    columns,
-    drive,
-    key_of,
-    last_metre,
-    of_thesis,
-    options_of,
-    scenario_of,
-)
-from armadico_tools.experiments.driving_time import (
-    ARMS,
-    BASELINES,
-    EXACT,
-    Surveyor,
-    cells_of,
-    make,
-    ratios,
-    shortest,
-)
-from armadico_tools.experiments.driving_time import drive as drive_time
+from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of, scenario_of
 from armadico_tools.experiments.floor_plans import (
     PASSAGE_M,
     floor_plan,
@@ -64,10 +36,9 @@ from armadico_tools.experiments.floor_plans import (
     people,
     save,
 )
-from armadico_tools.experiments.histories import History
-from armadico_tools.experiments.real_robot import LOCALIZED
-from armadico_tools.experiments.table_5_3 import join
+from armadico_tools.experiments.runner import Context, Experiment, Part, driven
 from armadico_tools.experiments.tables import Column, compare, differences
+from armadico_tools.experiments.thesis import LOCALIZED, join
 from armadico_tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
 from tests.programs import heavy, imports_nothing
 
@@ -80,46 +51,54 @@ def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
     return Context(out=folder, runs=runs, jobs=jobs, source="here")
 
 
-def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> store.About:
-    return store.About(
+def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> runner.About:
+    return runner.About(
         experiment="x", first_seed=first_seed, runs=runs, source=source, software=software()
     )
+
+
+def declared(*cells: Cell) -> Experiment:
+    """An experiment of nothing but these cells."""
+    return Experiment(parts=(driven(lambda _: cells),), report=lambda _: "what came of it")
 
 
 # Runs ---------------------------------------------------------------------------------------------
 
 
 def test_the_same_seeds_give_the_same_bytes_however_many_processes(tmp_path: Path) -> None:
-    context(tmp_path / "one", runs=2).drive([SC1, FAST])
-    context(tmp_path / "two", runs=2, jobs=2).drive([SC1, FAST])
+    context(tmp_path / "one", runs=2).run(declared(SC1, FAST), "x")
+    context(tmp_path / "two", runs=2, jobs=2).run(declared(SC1, FAST), "x")
     one, two = ((tmp_path / name / "runs.csv").read_bytes() for name in ("one", "two"))
     assert one == two
     assert one.count(b"\n") == 5
 
 
-def test_interrupted_runs_are_kept_and_not_driven_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    driven: list[int] = []
-
-    def interrupted(task: tuple[Cell, int]) -> Sample:
-        driven.append(task[1])
-        if len(driven) == 2:
-            raise KeyboardInterrupt
-        return drive(task)
-
-    monkeypatch.setattr(base, "drive", interrupted)
+def test_interrupted_runs_are_kept_and_not_driven_again(tmp_path: Path) -> None:
+    SEEN.clear()
     with pytest.raises(KeyboardInterrupt):
-        context(tmp_path / "cut", runs=3).drive([SC1])
-    kept = (tmp_path / "cut" / "runs.csv").read_text(encoding="utf-8")
+        context(tmp_path / "cut", runs=3).map(interrupted, [(SC1, 1000), (SC1, 1001)], "runs")
+    found = tmp_path / "cut" / "found.csv"
+    kept = found.read_text(encoding="utf-8")
     assert kept.count("\n") == 2
-    with (tmp_path / "cut" / "runs.csv").open("a", encoding="utf-8") as file:
+    with found.open("a", encoding="utf-8") as file:
         file.write(kept.splitlines()[1][:40])  # as a kill in the middle of a line leaves it
-    context(tmp_path / "cut", runs=3).drive([SC1])
-    assert driven == [1000, 1001, 1001, 1002]
-    context(tmp_path / "whole", runs=3).drive([SC1])
+    experiment = Experiment(parts=(driven(lambda _: [SC1], interrupted),), report=lambda _: "")
+    context(tmp_path / "cut", runs=3).run(experiment, "x")
+    assert SEEN == [1000, 1001, 1001, 1002]
+    context(tmp_path / "whole", runs=3).run(declared(SC1), "x")
     cut, whole = ((tmp_path / name / "runs.csv").read_bytes() for name in ("cut", "whole"))
     assert cut == whole
+
+
+SEEN: list[int] = []
+
+
+def interrupted(task: tuple[Cell, int]) -> Sample:
+    """A run; the second one ends by Ctrl-C."""
+    SEEN.append(task[1])
+    if len(SEEN) == 2:
+        raise KeyboardInterrupt
+    return drive(task)
 
 
 class Square(Struct, frozen=True):
@@ -155,32 +134,48 @@ def test_interrupted_what_was_found_is_kept_and_not_made_again(tmp_path: Path) -
     assert SQUARED[6:] == [3]
 
 
-def test_a_run_depends_on_its_cell_and_on_the_code() -> None:
-    keys = {key_of(SC1, "a"), key_of(SC1, "b"), key_of(FAST, "a")}
-    keys.add(key_of(Cell(SC1.name, "sc2", without=SC1.without), "a"))
-    keys.add(key_of(Cell(SC1.name, "sc1", parameters="thesis", without=SC1.without), "a"))
-    assert len(keys) == 5
-    assert key_of(SC1, "a") == key_of(SC1, "a")
+def test_a_run_depends_on_its_cell() -> None:
+    keys = {key_of(SC1), key_of(FAST)}
+    keys.add(key_of(Cell(SC1.name, "sc2", without=SC1.without)))
+    keys.add(key_of(Cell(SC1.name, "sc1", parameters="thesis", without=SC1.without)))
+    assert len(keys) == 4
+    assert key_of(SC1) == key_of(SC1)
+
+
+def test_a_part_knows_what_the_parts_before_it_have_found(tmp_path: Path) -> None:
+    SQUARED[:] = [0] * 3  # so that it ends nowhere
+    experiment = Experiment(
+        parts=(
+            Part("squares", square, lambda context: context.seeds),
+            Part("more", square, lambda context: [one.of + 1 for one in context.found["squares"]]),
+        ),
+        report=lambda context: f"{sum(one.square for one in context.found['more'])}",
+    )
+    made = context(tmp_path, runs=2)
+    made.run(experiment, "Squares")
+    assert (tmp_path / "more.csv").read_text() == "of,square\n1001,1002001.0\n1002,1004004.0\n"
+    assert (tmp_path / "table.md").read_text().startswith("# Squares\n\n\n\n2006005.0\n\nCommit ")
+    assert {path.name for path in made.files} == {"squares.csv", "more.csv", "table.md"}
 
 
 def test_a_folder_of_other_runs_is_moved_aside_and_more_runs_go_on(tmp_path: Path) -> None:
     folder = tmp_path / "x"
-    assert store.claim(folder, about()) is None
+    assert runner.claim(folder, about()) is None
     (folder / "runs.csv").write_text("precious", encoding="utf-8")
-    assert store.claim(folder, about(runs=5)) is None
+    assert runner.claim(folder, about(runs=5)) is None
     for number, other in enumerate((about(2), about(5, 0), about(5, 0, "t")), start=1):
-        moved = store.claim(folder, other)
+        moved = runner.claim(folder, other)
         assert moved == tmp_path / f"x.kept-{number}"
     assert (tmp_path / "x.kept-1" / "runs.csv").read_text(encoding="utf-8") == "precious"
     assert [path.name for path in folder.iterdir()] == ["about.json"]
 
 
 def test_a_folder_that_no_experiment_made_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "utility").mkdir()
-    (tmp_path / "utility" / "letter.txt").write_text("mine", encoding="utf-8")
+    (tmp_path / "identify").mkdir()
+    (tmp_path / "identify" / "letter.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(FailedError, match="holds no results"):
-        main(["utility", "--runs", "1", "--out", str(tmp_path)])
-    assert [path.name for path in (tmp_path / "utility").iterdir()] == ["letter.txt"]
+        main(["identify", "--runs", "1", "--out", str(tmp_path)])
+    assert [path.name for path in (tmp_path / "identify").iterdir()] == ["letter.txt"]
 
 
 def test_results_come_in_the_order_of_the_items() -> None:
@@ -205,18 +200,10 @@ def test_the_fast_controller_stops_where_it_comes_to_rest() -> None:
 def test_an_agent_that_joins_restarts_nobody() -> None:
     found = join(("rooms-b", 1000))
     assert found.kept
-    assert len(found.before) == 7
-    assert not any(instance.startswith("gothrough") for instance in found.before)
+    assert len(found.before.split()) == 7
+    assert "gothrough" not in found.before
     assert found.first_held_s is not None
     assert found.first_held_s > 5.0
-
-
-def test_bids_are_known_for_every_cycle_and_one_agent_holds() -> None:
-    turns = History(Cell("x", "sc3", without=("gothrough",)), 1000).turns()
-    goto = [turn for turn in turns if turn.agent == "goto"]
-    steps = [round(b.t - a.t, 3) for a, b in pairwise(goto)]
-    assert set(steps) == {0.1}
-    assert {turn.agent for turn in turns if turn.holds} == {"goto", "avoid"}
 
 
 def test_a_robot_that_gets_nowhere_is_stuck_before_the_time_limit() -> None:
@@ -275,10 +262,12 @@ def test_whoever_walks_in_a_floor_plan_is_the_same_again_and_the_scenario_takes_
 
 
 def test_the_floors_have_real_sensors_localization_and_people(tmp_path: Path) -> None:
-    scenario = scenario_of(replace(LOCALIZED, scenario=str(floors.make((tmp_path, 3)))))
+    scenario = scenario_of(
+        replace(LOCALIZED, scenario=str(foreign_worlds.plan_of((tmp_path, 3, 3))))
+    )
     assert scenario.sensors == "real"
     assert {"localization", "relocate"} <= {*scenario.agents}
-    assert len(scenario.moving) == floors.PEOPLE
+    assert len(scenario.moving) == 3
 
 
 @pytest.mark.parametrize(("gap", "through"), [(0.50, False), (0.70, True)])
@@ -315,8 +304,6 @@ def test_means_intervals_and_p_values_against_known_ones() -> None:
     assert statistics.against(found, 3.0, 1.0) == pytest.approx(1.0)
     assert statistics.against(statistics.Spread(30, 1.0, 0.0, 1.0, 1.0), 1.0, 0.0) is None
     assert statistics.paired([1.0, 2.0], [1.0, 2.0]) is None
-    p = statistics.unpaired([1.0, 2.0, 3.0, 4.0, 5.0], [6.0, 7.0, 8.0, 9.0, 10.0])
-    assert p == pytest.approx(0.0079, abs=1e-4)
     assert statistics.at_least(200, 200) == pytest.approx(0.05 ** (1 / 200))
 
 
@@ -341,8 +328,8 @@ def test_a_run_that_did_not_arrive_has_no_time_in_a_table_but_counts_as_not_reac
     assert "| TD m | 6.00 ± " in text
     changes = differences("a to b", [there, there], [there, stuck], {"tt_s": "TT s"})
     assert "| TT s | 14.00 | 14.00 |" in changes
-    assert base._outcome([stuck])["tt_s"] is None
-    assert base._outcome([there, stuck])["tt_s"] == 14.0
+    assert runner.outcome([stuck])["tt_s"] is None
+    assert runner.outcome([there, stuck])["tt_s"] == 14.0
 
 
 # The command --------------------------------------------------------------------------------------
@@ -352,10 +339,9 @@ def test_a_run_that_did_not_arrive_has_no_time_in_a_table_but_counts_as_not_reac
     ("words", "says"),
     [
         (["table-5.9"], "did you mean 'table-5"),
-        (["utility", "--runs", "0"], "--runs 0: at least 1"),
-        (["utility", "--runs", "-3"], "--runs -3: at least 1"),
-        (["utility", "--jobs", "0"], "--jobs 0: at least 1"),
-        (["utility", "--live"], "--live goes with all"),
+        (["table-5.1", "--runs", "0"], "--runs 0: at least 1"),
+        (["table-5.1", "--runs", "-3"], "--runs -3: at least 1"),
+        (["table-5.1", "--jobs", "0"], "--jobs 0: at least 1"),
         ([], "--list shows them"),
     ],
 )
@@ -378,106 +364,48 @@ def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
 def test_an_experiment_writes_its_runs_table_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(utility, "FIGURES", {"sc2": "figure-5.5"})  # one of two: less to drive
-    assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]) == 0
+    small = replace_experiment(thesis.TABLE_5_1, parts=(driven(lambda _: cells_of("sc1")),))
+    panels = {"sc1": ("sc1", {name: f"sc1 {name}" for name in thesis.CONTROLLERS})}
+    small = replace_experiment(
+        small,
+        report=lambda context: compare([Column("fast", context.samples["sc1 fast"])]),
+        figures=lambda context: thesis._paths(context, "paths", panels, 1),
+    )
+    monkeypatch.setattr(thesis, "TABLE_5_1", small)  # one scenario of four: less to drive
+    words = ["table-5.1", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    assert main(words) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["runs"] == 1
-    assert said["cells"]["sc2 default"]["reached"] == 1
-    folder = tmp_path / "utility"
-    assert {path.name for path in folder.iterdir()} == {*said["files"], "about.json"}
-    assert (folder / "figure-5.5.png").read_bytes().startswith(b"\x89PNG")
-    assert (folder / "figure-5.5.svg").read_text(encoding="utf-8").startswith("<?xml")
-    text = (folder / "table.md").read_text(encoding="utf-8")
-    assert "*Stop rule*" in text
-    assert "*P* = 100" in text
+    assert said["cells"]["sc1 precise"]["reached"] == 1
+    folder = tmp_path / "table-5.1"
+    assert {path.name for path in folder.iterdir()} == {*said["files"], "about.json", "found.csv"}
+    assert (folder / "paths.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "paths.svg").read_text(encoding="utf-8").startswith("<?xml")
+    assert "| arrived | 1 of 1 |" in (folder / "table.md").read_text(encoding="utf-8")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert main(words) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-# Time ---------------------------------------------------------------------------------------------
+def cells_of(scenario: str) -> list[Cell]:
+    return [
+        Cell(f"{scenario} {name}", scenario, name, without=("gothrough",))
+        for name in thesis.CONTROLLERS
+    ]
 
 
-def test_the_least_time_is_by_the_shortest_way_of_a_disc() -> None:
-    box = World("box", (), (0.0, 0.0, 6.0, 6.0), (1.0, 1.0, 0.0), {}, (), ())
-    assert shortest(box, Placed(1.0, 1.0), Placed(4.0, 5.0)) == pytest.approx(5.0)
-    wall = structs.replace(box, walls=((3.0, 0.0, 3.0, 4.0),))
-    round_it = shortest(wall, Placed(1.0, 3.0), Placed(5.0, 3.0))
-    assert 2.0 * hypot(2.0, 1.0) < round_it < 2.0 * hypot(2.0, 1.2) + 0.4
-
-
-def test_a_run_that_does_not_reach_has_no_share_of_the_least_time() -> None:
-    there = Sample(
-        cell="x",
-        seed=1,
-        reached=True,
-        arrived=True,
-        td_m=7.0,
-        fo_deg=0.0,
-        tt_s=20.0,
-        p_percent=100.0,
-        exchanges=0,
-    )
-    runs = [there, structs.replace(there, reached=False)]
-    assert ratios(runs, [7.5, 7.5]) == [pytest.approx(0.5), 0.0]
-
-
-def test_the_last_metre_is_counted_from_when_the_goal_stays_near() -> None:
-    xs = (0.0, 2.5, 1.0, 2.5, 3.0, 3.0)
-    ticks = [Tick(float(t), x, 0.0, 0.0, 0.0, None, 0.0, 0.0) for t, x in enumerate(xs)]
-    assert last_metre(ticks, (3.0, 0.0, 0.0)) == 2.0
-    assert last_metre(ticks[:1], (3.0, 0.0, 0.0)) is None
-
-
-def test_both_ways_of_ours_are_measured_by_their_names(tmp_path: Path) -> None:
-    """And so they stay apart, whatever the defaults are."""
-    path, _ = make((tmp_path, 7))
-    brisk, default, *_ = (options_of(cell) for cell in cells_of(path))
-    assert (brisk.parameters, brisk.controller) == ("brisk", None)
-    assert (default.parameters, default.controller) == (None, "collaborative")
-
-
-def test_its_runs_are_virtual_and_say_so(tmp_path: Path) -> None:
-    assert main(["time", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    conditions = json.loads((tmp_path / "time" / store.CONDITIONS).read_bytes())
-    assert len(conditions) == len(ARMS)
-    assert {found["mode"] for found in conditions.values()} == {"virtual"}
-    assert ARMS["brisk"] in (tmp_path / "time" / "table.md").read_text(encoding="utf-8")
-
-
-def test_ours_are_told_again_and_again_that_the_pose_is_exact() -> None:
-    """Else no wall of the map is expected, and a few metres on nobody dares to drive."""
-    surveyor = Surveyor(Identity("surveyor-1"))
-    for number, covariance, told in ((1, (), 1), (2, EXACT, 0), (3, (0.01, *EXACT[1:]), 1)):
-        cycle = Cycle(1, number)
-        surveyor.receive(RobotState(cycle, 1.0, 0.0, 0.5 * pi, 0, 0, 12, True, False), 0.1 * number)
-        surveyor.receive(Pose(cycle, 2.0, 3.0, 0.5 * pi, covariance), 0.1 * number)
-        out, surveyor.outbox = surveyor.outbox, []
-        said = [o.message for o in out if isinstance(o, Publish)]
-        assert len(said) == told
-        for correction in said:
-            assert isinstance(correction, Correction)
-            assert (correction.x, correction.y, correction.theta) == pytest.approx((1.0, 3.0, 0.0))
-            assert correction.covariance == EXACT
-
-
-@pytest.mark.parametrize("arm", BASELINES)
-def test_a_baseline_drives_a_plan_alone(arm: str, tmp_path: Path) -> None:
-    path, _ = make((tmp_path, 7))
-    (cell,) = [cell for cell in cells_of(path) if cell.name.endswith(arm)]
-    found = drive_time((cell, 7))
-    assert found.reached
-    assert not found.collisions
-    assert found.exchanges == 0
-    assert found.last_metre_s is not None
-    assert found.last_metre_s < 6.0
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_each_experiment_of_the_index_is_declared(name: str) -> None:
+    module, _, attribute = EXPERIMENTS[name].where.partition(":")
+    found = getattr(import_module(f"armadico_tools.experiments.{module}"), attribute)
+    assert isinstance(found, Experiment)
 
 
 def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sample = ("flat.map", "cellar.yaml")  # of either format the one with the tightest ways
-    monkeypatch.setattr(other_maps, "MAPS", sample)
+    monkeypatch.setattr(foreign_worlds, "MAPS", sample)
     words = ["other-maps", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
     assert main(words) == 0
     cells = json.loads(capsys.readouterr().out)["cells"]
@@ -485,20 +413,20 @@ def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", other_maps.MAPS)
+@pytest.mark.parametrize("name", foreign_worlds.MAPS)
 def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
     name: str, tmp_path: Path
 ) -> None:
-    world = load_world(other_maps.FOLDER / name)
+    world = load_world(foreign_worlds.FOLDER / name)
     assert not world.rooms
-    made = other_maps.scenarios((name, [1, 2], tmp_path))
+    made = foreign_worlds.scenarios((name, (1, 2), tmp_path))
     text = [Path(cell.scenario).read_text(encoding="utf-8") for cell in made]
-    other_maps.scenarios((name, [1, 2], tmp_path))
+    foreign_worlds.scenarios((name, (1, 2), tmp_path))
     assert [Path(cell.scenario).read_text(encoding="utf-8") for cell in made] == text
     assert text[0] != text[1]
     circle = load_profile("pioneer-2dx").body.circle_m
-    for x, y in other_maps.places(world)[::997]:
-        assert world.clearance(x, y) >= circle + other_maps.ROOM_M
+    for x, y in foreign_worlds.places(world)[::997]:
+        assert world.clearance(x, y) >= circle + foreign_worlds.ROOM_M
     for cell in made:
         assert load_scenario(cell.scenario).plan is None
 
@@ -508,7 +436,7 @@ def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
 ) -> None:
     monkeypatch.setattr("armadico.bridge.simulator.sonar.fan", lambda _cone, _rays: [(1.0, 0.0)])
     for name in ("corridor.map", "lab.yaml"):
-        (cell,) = other_maps.scenarios((name, [1000], tmp_path))
+        (cell,) = foreign_worlds.scenarios((name, (1000,), tmp_path))
         run = Drive(cell, 1000).go()
         sample = run.sample()
         assert (sample.reached, sample.collisions, sample.note) == (True, 0, "")
@@ -517,17 +445,10 @@ def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
         assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"
 
 
-def test_a_live_runs_result_is_a_sample_with_the_shares_of_the_thesis() -> None:
-    result = Result("sc4", 1, True, 1, 1, 1, 1, {"goto": 75.0, "guest": 25.0}, 1, 0, None)
-    measured, shares = columns(result)
-    sample = Sample(cell="x", seed=1, arrived=True, **measured, **of_thesis(shares, shares))
-    assert (sample.tg_percent, sample.ta_percent) == (75.0, None)
-
-
 def test_a_folder_says_what_its_runs_depend_on(tmp_path: Path) -> None:
     made = context(tmp_path)
-    made.drive([SC1])
-    found = json.loads((tmp_path / store.CONDITIONS).read_bytes())
+    made.run(declared(SC1), "x")
+    found = json.loads((tmp_path / runner.CONDITIONS).read_bytes())
     assert found[SC1.name]["mode"] == "virtual"
     assert "gothrough" not in found[SC1.name]["agents"]
     assert found[SC1.name]["software"]["source"] == made.software.source

@@ -11,7 +11,9 @@ from statistics import fmean
 import numpy as np
 import pytest
 
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.cli import main
+from armadico_tools.experiments import identify
 from armadico_tools.experiments.identify import (
     MENDED,
     STRAIGHT,
@@ -21,6 +23,7 @@ from armadico_tools.experiments.identify import (
     profile,
     record,
 )
+from armadico_tools.experiments.runner import Context
 from armadico_tools.identification import (
     ANGULAR,
     LINEAR,
@@ -223,6 +226,72 @@ def test_a_log_survives_writing_and_reading_and_other_columns_are_let_be() -> No
     again = read_log("\n".join(["note," + lines[0], *("x," + line for line in lines[1:])]))
     assert np.allclose(again.v, log.v, atol=1e-6)
     assert np.allclose(again.right_v, log.right_v, atol=1e-6)
+
+
+# The experiment -----------------------------------------------------------------------------------
+
+
+def shortly(
+    trial: Trial,
+    seed: int,
+    robot: P2osRobot,
+    seconds: float = 24.0,
+    noise_m_s: float = identify.NOISE_M_S,
+) -> Log:
+    return record(trial, seed, robot, seconds, noise_m_s)
+
+
+def test_the_experiment_shows_the_thesis_s_tables_beside_the_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify, "record", shortly)
+    made = Context(out=tmp_path, runs=2, source="here")
+    made.run(identify.IDENTIFY, "Identification")
+    table = (tmp_path / "table.md").read_text()
+    for number in ("17.83", "16.49", "0.2921", "0.4301", "0.000469", "17.07"):
+        assert f"| {number} |" in table
+    rows = (tmp_path / "estimates.csv").read_text().splitlines()
+    assert len(rows) == 1 + len((*STRAIGHT, *TURNING)) * 2 * 2 * 3
+    assert {"figure-4.8.png", "figure-4.9.png", "figure-4.10.png"} <= {f.name for f in made.files}
+
+
+def test_table_4_6_is_reckoned_with_the_friction_found_straight_ahead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(identify, "record", shortly)
+    robot = identify.profile()
+    trials = (*identify.STRAIGHT, *identify.MENDED)
+    found = [one for trial in trials for one in identify.measure((trial, 1000))]
+    alone = identify.pooled(found, identify.MENDED, 1000)
+    whole = identify.together(found, 1000, robot)
+    assert whole["C_s1"].half > alone["C_s1"].half
+    share = 2.0 * robot.body.half_track_m / robot.body.wheel_radius_m
+    moved = share * (whole["C_s"].value - robot.inertia.wheel_coulomb_nm)
+    assert whole["C_s1"].value == pytest.approx(alone["C_s1"].value - moved)
+    assert whole["I_0"].holds(robot.inertia.body_kg_m2)
+
+
+def test_the_prbs_is_of_maximum_length_whatever_its_state() -> None:
+    for state in range(127):
+        bits = identify.prbs(state)
+        windows = {tuple((bits + bits)[n : n + 7]) for n in range(127)}
+        assert len(windows) == 127
+
+
+def test_every_seed_has_its_own_noise_and_repeats() -> None:
+    robot = identify.profile()
+    logs = [identify.record(identify.STRAIGHT[0], seed, robot, 1.0) for seed in (1, 1, 2)]
+    assert (logs[0].v == logs[1].v).all()
+    assert (logs[0].v != logs[2].v).any()
+
+
+def test_the_robot_that_is_held_turns_on_the_spot() -> None:
+    robot = identify.profile()
+    free, held = (
+        identify.record(trial, 5, robot, 10.0, noise_m_s=0.0)
+        for trial in (identify.TURNING[2], identify.MENDED[2])
+    )
+    assert abs(held.v).max() < 0.5 * abs(free.v).max()
 
 
 # The command --------------------------------------------------------------------------------------

@@ -11,8 +11,8 @@ from armadico import cli
 from armadico.config.profile import load_profile
 from armadico.observe import localizing, logs
 from armadico_tools.experiments import logs as experiment
-from armadico_tools.experiments.base import Context
 from armadico_tools.experiments.likelihood_filter import LikelihoodFilter, filtered, points
+from armadico_tools.experiments.runner import Context
 from tests.observe import made_logs
 
 
@@ -54,7 +54,7 @@ def test_a_folder_of_logs_makes_a_table_and_nothing_is_gone_through_twice(
     out = tmp_path / "out"
     out.mkdir()
     context = Context(out=out, runs=1, first_seed=1, source="here", logs=folder)
-    experiment.run(context)
+    context.run(experiment.LOGS, "Logs")
     text = (out / "table.md").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line.startswith("| room")]
     assert len(rows) == 2 * 3 + 1  # two filters, three maps; and the starts that are not known
@@ -67,7 +67,7 @@ def test_a_folder_of_logs_makes_a_table_and_nothing_is_gone_through_twice(
 
     monkeypatch.setattr(localizing.Run, "go", never)
     again = Context(out=out, runs=1, first_seed=1, source="here", logs=folder)
-    experiment.run(again)
+    again.run(experiment.LOGS, "Logs")
     assert (out / "table.md").read_text(encoding="utf-8") == text
 
 
@@ -82,7 +82,7 @@ def test_a_dense_log_has_the_half_maps_of_its_twin(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [["logs"], ["logs", "{folder}"], ["logs", "{folder}/nowhere"], ["speed", "{folder}"]],
+    [["logs"], ["logs", "{folder}"], ["logs", "{folder}/nowhere"], ["identify", "{folder}"]],
 )
 def test_what_makes_no_sense_is_refused(
     tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
