@@ -70,20 +70,6 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.ros2:odom_to_command",
     ),
     Benchmark(
-        "messages-per-cycle",
-        "claims and commands for a resource in a cycle, by the number of contenders",
-        "a lone contender",
-        "flat",
-        "armadico_tools.bench.contest:messages_per_cycle",
-    ),
-    Benchmark(
-        "cycles-to-obeyed",
-        "cycles from a bid that wins to its first obeyed command, that of the bid included",
-        "",
-        "1",
-        "armadico_tools.bench.contest:cycles_to_obeyed",
-    ),
-    Benchmark(
         "speed",
         "simulated seconds in a second of the whole virtual society, by the wall and by the CPU",
         "the simulated robot alone, driven along",
@@ -111,14 +97,6 @@ BENCHMARKS: Final = (
         "bare Python that opens a Zenoh session and declares a token",
         "",
         "armadico_tools.bench.processes:start",
-    ),
-    Benchmark(
-        "imports",
-        "modules that --help imports; imports-heavy: numpy, zenoh, pymunk and their like among"
-        " them",
-        "bare Python",
-        "imports-heavy 0",
-        "armadico_tools.bench.processes:imports",
     ),
     Benchmark(
         "memory",

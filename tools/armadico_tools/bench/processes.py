@@ -1,11 +1,10 @@
-"""What processes cost: to start, to import, and to keep while they drive; beside bare ones.
+"""What processes cost: to start, and to keep while they drive; beside bare ones.
 
 A benchmark that is killed leaves none: agents are tied to it, the floor ends with its input.
 """
 
 from __future__ import annotations
 
-import json
 import queue
 import subprocess
 import sys
@@ -71,39 +70,8 @@ def ready_floor(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 # To begin -----------------------------------------------------------------------------------------
 
-HEAVY: Final = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich", "matplotlib")
-"""Packages that are slow to import, and not needed for --help."""
-
 SEEN_S: Final = 20.0
 """Time limit for an agent's token."""
-
-COUNT: Final = """
-import contextlib, io, json, sys
-with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
-    {call}
-print(json.dumps(sorted(sys.modules)))
-"""
-
-
-def imports(quick: bool) -> list[Figure]:  # noqa: ARG001 - nothing to be quicker at
-    """Modules after `armadico --help` and `armadico-agent --help`."""
-    bare = _modules("pass")
-    calls = {
-        "imports-armadico": "from armadico.cli import main; main(['--help'])",
-        "imports-armadico-agent": "from armadico.cli.agent import main; main(['--help'])",
-    }
-    found = {name: _modules(call) for name, call in calls.items()}
-    heavy = {module.partition(".")[0] for each in found.values() for module in each} & set(HEAVY)
-    figures = [figure(name, "modules", [len(m)], [len(bare)]) for name, m in found.items()]
-    return [*figures, figure("imports-heavy", "modules", [len(heavy)])]
-
-
-def _modules(call: str) -> set[str]:
-    script = COUNT.format(call=call)
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True
-    )
-    return set(json.loads(done.stdout))
 
 
 def start(quick: bool) -> list[Figure]:

@@ -19,7 +19,7 @@ EXAMPLES: Final = """\
   armadico bench --quick                 everything, less exactly, in under 40 s
   armadico bench sip-to-command speed    these only
   armadico bench --list                  what there is, and what each is compared with
-  armadico bench imports --json | jq .
+  armadico bench speed --json | jq .
 """
 
 

@@ -16,8 +16,7 @@ from armadico.config.scenarios import Scenario, load_scenario
 from armadico.launch.society import Options
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mobile.messages import Waypoint
-from armadico_tools.experiments.central import Problem, auction, rounds, searched
-from armadico_tools.experiments.kinematic import CRUISE_M_S, TURN_S, Band
+from armadico_tools.experiments.kinematic import Band
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
@@ -25,10 +24,6 @@ ROBOTS: Final = (1, 2, 4, 8)
 TASKS: Final = 40
 SIDE_M: Final = 20.0
 LOOK_S: Final = 5.0
-STEPS: Final = 100_000
-SEARCHES: Final = 2
-"""The central search is the better of so many, with so many steps each."""
-
 JOIN_S: Final = 3.0
 LIMIT_S: Final = 6000.0
 KILLED: Final = 4
@@ -46,14 +41,11 @@ WHOLE: Final = 3
 SENSORS: Final = ("ideal", "real")
 
 NOTE: Final = (
-    f"{TASKS} places drawn in a square of {SIDE_M:g} m, each looked at for {LOOK_S:g} s; robots"
-    " start side by side at its edge. *shared*: the fleet agents on the virtual mesh, as they are,"
-    " each with a robot that drives straight at 0.4 m/s and needs 3 s to turn: a stand-in for whole"
-    " societies, in which nobody is in anybody's way. The others are told all at once, and nobody"
-    " talks: *greedy auction*, the bid that is done soonest wins its task, then the next one;"
-    " *rounds*, the optimal assignment of robots to tasks (scipy's linear_sum_assignment), round by"
-    " round; *search*, the best that annealing finds from the best of these. Time from the list's"
-    " arrival to the last task done, s. *messages*: published to share the tasks, poses apart."
+    f"{TASKS} places drawn in a square of {SIDE_M:g} m, {LOOK_S:g} s at each; robots start side by"
+    " side at its edge. *shared*: the fleet agents on the virtual mesh, each with a stand-in for a"
+    " whole society that drives straight at 0.4 m/s, needs 3 s to turn and is never obstructed."
+    " Time from the list's arrival to the last task done, s. *messages*: published to share the"
+    " tasks, without poses."
 )
 
 
@@ -66,9 +58,6 @@ class Row(Struct, frozen=True):
     messages: float  # a task
     twice: int
     lost: int
-    auction_s: float
-    rounds_s: float
-    search_s: float
 
 
 class Death(Struct, frozen=True):
@@ -106,18 +95,12 @@ class Whole(Struct, frozen=True):
     clearance_m: float
 
 
-def problem(robots: int, seed: int) -> Problem:
-    """The list of a seed; for each number of robots the same."""
+def band(robots: int, seed: int) -> Band:
+    """Robots that are at work and have the list of a seed: the same for each number of robots."""
     rng = Random(f"fleet/{seed}")
-    places = tuple((rng.uniform(0, SIDE_M), rng.uniform(0, SIDE_M)) for _ in range(TASKS))
-    starts = tuple((1.0 + 2.0 * k, 0.0) for k in range(robots))
-    return Problem(starts, places, LOOK_S, TURN_S, CRUISE_M_S)
-
-
-def band(of: Problem, seed: int) -> Band:
-    """Robots that are at work, and have the list."""
-    tasks = [FleetTask(Waypoint(x, y, 0.0), of.look_s) for x, y in of.places]
-    made = Band(of.starts, tasks, seed)
+    places = [(rng.uniform(0, SIDE_M), rng.uniform(0, SIDE_M)) for _ in range(TASKS)]
+    tasks = [FleetTask(Waypoint(x, y, 0.0), LOOK_S) for x, y in places]
+    made = Band([(1.0 + 2.0 * k, 0.0) for k in range(robots)], tasks, seed)
     made.mesh.run(JOIN_S)
     made.give(made.names[0])
     return made
@@ -126,13 +109,9 @@ def band(of: Problem, seed: int) -> Band:
 def shared(task: tuple[int, int]) -> Row:
     """One number of robots with one seed."""
     robots, seed = task
-    of = problem(robots, seed)
-    one = band(of, seed)
+    one = band(robots, seed)
     one.run(LIMIT_S)
     doers = one.doers
-    greedy, assigned = auction(of), rounds(of)
-    begin = min(greedy, assigned, key=of.makespan)
-    least = min(of.makespan(searched(of, begin, STEPS, k)) for k in range(SEARCHES))
     return Row(
         robots=robots,
         seed=seed,
@@ -140,9 +119,6 @@ def shared(task: tuple[int, int]) -> Row:
         messages=round(one.published / TASKS, 1),
         twice=sum(len(by) > 1 for by in doers.values()),
         lost=TASKS - len(doers),
-        auction_s=round(of.makespan(greedy), 1),
-        rounds_s=round(of.makespan(assigned), 1),
-        search_s=round(least, 1),
     )
 
 
@@ -150,8 +126,7 @@ def death(task: tuple[int, float]) -> Death:
     """One robot of several dies at a time that is drawn, in the middle half of the run."""
     seed, loss = task
     rng = Random(f"death/{seed}")
-    of = problem(KILLED, seed)
-    one = band(of, seed)
+    one = band(KILLED, seed)
     if loss:
         for a, b in combinations(one.names, 2):
             for way in ((f"{a}/fleet", f"{b}/fleet"), (f"{b}/fleet", f"{a}/fleet")):
@@ -206,26 +181,17 @@ def whole(task: tuple[int, int, bool, str]) -> Whole:
 
 
 def _makespans(rows: Sequence[Row]) -> str:
-    head = ("robots", "runs", "shared s", "search s", "rounds s", "greedy auction s")
-    more = ("shared / search", "shared / auction", "messages a task", "twice", "lost")
     body = []
     for robots in ROBOTS:
         mine = [row for row in rows if row.robots == robots]
-        means = [
-            fmean(getattr(row, name) for row in mine)
-            for name in ("shared_s", "search_s", "rounds_s", "auction_s")
-        ]
         body.append(
             (
-                *(robots, len(mine)),
-                *(f"{mean:.0f}" for mean in means),
-                f"{fmean(row.shared_s / row.search_s for row in mine):.2f}",
-                f"{fmean(row.shared_s / row.auction_s for row in mine):.2f}",
+                *(robots, len(mine), f"{fmean(row.shared_s for row in mine):.0f}"),
                 f"{fmean(row.messages for row in mine):.0f}",
                 *(sum(row.twice for row in mine), sum(row.lost for row in mine)),
             )
         )
-    return table((*head, *more), body)
+    return table(("robots", "runs", "shared s", "messages a task", "twice", "lost"), body)
 
 
 def _deaths(deaths: Sequence[Death]) -> str:

@@ -13,14 +13,10 @@ from typing import Final
 
 from msgspec import Struct, structs
 
-from armadico.agents.fleet.giveway import Parameters
-from armadico.agents.fleet.passages import Passages, passages_of
 from armadico.agents.fleet.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
-from armadico.config.worlds import load_world
-from armadico.core.messages import Message
 from armadico.launch.society import Options
-from armadico.mobile.messages import MissionStatus, Truth
+from armadico.mobile.messages import MissionStatus
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
@@ -29,11 +25,6 @@ LIMIT_S: Final = 900.0
 STEP_S: Final = 0.5
 ROBOTS: Final = (2, 3, 4, 5)
 JITTER_M: Final = 0.15
-COMES_M: Final = 2.0
-"""A robot has come to a passage when it is so near."""
-
-LEFT_M: Final = Parameters().left_m
-
 
 Rectangle = tuple[float, float, float, float]
 """x1, y1, x2, y2 of free ground, m."""
@@ -167,8 +158,6 @@ class Row(Struct, frozen=True):
     reached: int
     all_s: float | None  # until all had
     contacts: int  # of any robot with anything; one between two counts for both
-    waited_s: float  # before passages, all robots together
-    central_s: float  # the same, if one queue without delays granted each passage
     failed: tuple[str, ...] = ()
 
 
@@ -214,66 +203,6 @@ def scenario_of(world: str, starts: Sequence[ScenarioPose], path: str) -> Scenar
     return structs.replace(fleet, name=world, world=path, start=starts[0], others=tuple(starts[1:]))
 
 
-class _Use(Struct):
-    """A robot's use of one passage; s of the simulation."""
-
-    came: float
-    entered: float | None = None
-    left: float | None = None
-
-
-class _Watch:
-    """What becomes of each robot, by the truth."""
-
-    def __init__(self, passages: Passages) -> None:
-        self.truth: dict[str, Truth] = {}
-        self._passages = passages
-        self._uses: dict[tuple[str, int], list[_Use]] = {}
-
-    def show(self, robot: str, message: Message) -> None:
-        """Take what the simulator reports of a robot."""
-        if not isinstance(message, Truth):
-            return
-        self.truth[robot] = message
-        x, y, now = message.x, message.y, message.t
-        inside = self._passages.at(x, y)
-        for passage in range(self._passages.count):
-            uses = self._uses.setdefault((robot, passage), [])
-            use = uses[-1] if uses and uses[-1].left is None else None
-            if use is None:
-                if inside != passage and self._passages.near(passage, x, y, COMES_M):
-                    uses.append(_Use(now))
-            elif use.entered is None:
-                if inside == passage:
-                    use.entered = now
-                elif not self._passages.near(passage, x, y, COMES_M):
-                    uses.pop()  # it came out here before, or turned away
-            elif not self._passages.near(passage, x, y, LEFT_M):
-                use.left = now
-
-    def waited(self) -> tuple[float, float]:
-        """Seconds waited before passages: as it was, and with one queue that grants without delay.
-
-        The queue has the robots' own arrivals, order and times inside. The shortest way from
-        `COMES_M` to the passage that any robot needed is not waiting.
-        """
-        actual = central = 0.0
-        done: dict[int, list[_Use]] = {}
-        for (_, passage), uses in self._uses.items():
-            done.setdefault(passage, []).extend(use for use in uses if use.entered is not None)
-        for uses in done.values():
-            least = min((use.entered - use.came for use in uses if use.entered), default=0.0)
-            free = 0.0
-            for use in sorted(uses, key=lambda each: each.entered or 0.0):
-                assert use.entered is not None, "it has entered"
-                wanted = use.came + least
-                begins = max(wanted, free)
-                actual += use.entered - wanted
-                central += begins - wanted
-                free = begins + (use.left or use.entered) - use.entered
-        return round(actual, 1), round(central, 1)
-
-
 def passing(task: tuple[str, int, int]) -> Row:
     """One run: each robot is sent to its goal at once."""
     world, robots, seed = task
@@ -294,9 +223,7 @@ def passing(task: tuple[str, int, int]) -> Row:
             path.write_text(map_of(made.free))
         scenario = scenario_of(world, starts, made.world or str(path))
         fleet = FleetRehearsal(scenario, Options(seed=seed), robots)
-        mesh, watch = fleet.mesh, _Watch(passages_of(load_world(scenario.world)))
-        for name in fleet.names:
-            mesh.watch(_shower(watch, name), Truth, namespace=name)
+        mesh = fleet.mesh
         mesh.run(JOIN_S)
         begun, under_way, reached, failed = mesh.now, {}, 0, []
         for name, (_, (x, y, degrees)) in zip(fleet.names, routes, strict=True):
@@ -313,12 +240,9 @@ def passing(task: tuple[str, int, int]) -> Row:
                     del under_way[name]
     failed += [f"{name}: time is up" for name in under_way]
     took = round(mesh.now - begun, 1) if reached == robots else None
-    contacts = sum(truth.collisions for truth in watch.truth.values())
-    return Row(world, robots, seed, reached, took, contacts, *watch.waited(), tuple(failed))
-
-
-def _shower(watch: _Watch, name: str) -> Callable[[str, Message, float], None]:
-    return lambda _key, message, _now: watch.show(name, message)
+    truths = [robot.watch.view.truth for robot in fleet.robots.values()]
+    contacts = sum(truth.collisions for truth in truths if truth is not None)
+    return Row(world, robots, seed, reached, took, contacts, tuple(failed))
 
 
 def passing_table(rows: Sequence[Row]) -> str:
@@ -335,14 +259,9 @@ def passing_table(rows: Sequence[Row]) -> str:
                 sum(row.contacts for row in mine),
                 f"{fmean(took):.0f}" if took else "-",
                 f"{max(took):.0f}" if took else "-",
-                f"{fmean(row.waited_s / row.robots for row in mine):.0f}",
-                f"{fmean(row.central_s / row.robots for row in mine):.0f}",
             )
         )
-    head = (
-        *("world", "robots", "runs", "reached", "contacts", "s, mean", "s, worst"),
-        *("waited s", "central s"),
-    )
+    head = ("world", "robots", "runs", "reached", "contacts", "s, mean", "s, worst")
     return table(head, body)
 
 
