@@ -111,7 +111,7 @@ def square(of: int) -> Square:
     SQUARED.append(of)
     if len(SQUARED) == 3:
         raise KeyboardInterrupt
-    return Square(of, float("nan") if of == 1 else of**2)
+    return Square(of, float("nan") if of == 1 else float(of**2))
 
 
 SQUARED: list[int] = []

@@ -13,7 +13,6 @@ from armadico.agents.missions.messages import (
     Board,
     BoardMission,
     ChargeStatus,
-    EnergyReply,
     MissionCancel,
     MissionOrder,
     Photo,
@@ -160,6 +159,3 @@ class Building:
 
     def joins(self, kind: type[Agent]) -> Node:
         return self.rehearsal.add(kind)
-
-
-__all__ = ["SURVEY", "Building", "EnergyReply", "text"]

@@ -24,7 +24,7 @@ Voltages: left is the thesis's V3, right its V2. Speeds as REP-103: m/s ahead, r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atanh, exp, log1p, tanh
+from math import atanh, exp, log1p
 from typing import Any, Final
 
 import numpy as np
@@ -37,6 +37,9 @@ from armadico_tools.speed_log import Floats, Log
 
 WINDOW_S: Final = 0.4
 """From t_(k-1) to t_k of (4.30)."""
+
+ROUNDS: Final = 2
+"""Models whose response becomes the instruments, one after the other."""
 
 MOVING_M_S: Final = 0.1
 """A wheel's rim slower than this may be at rest, where friction's sign is not known."""
@@ -79,7 +82,6 @@ LINEAR: Final = Motion(
 ANGULAR: Final = Motion(
     "angular", ("a22", "a26", "a29"), ("1/a22", "C_v1", "C_s1"), ("kg m2", "Nm s", "Nm")
 )
-MOTIONS: Final = {motion.name: motion for motion in (LINEAR, ANGULAR)}
 
 
 class Interval(Struct, frozen=True):
@@ -127,32 +129,21 @@ def force(log: Log, profile: P2osRobot, motion: Motion, *, coupled: bool) -> Flo
 
 
 def least_squares(
-    log: Log,
-    profile: P2osRobot,
-    motion: Motion,
-    *,
-    coupled: bool = False,
-    window_s: float = WINDOW_S,
+    log: Log, profile: P2osRobot, motion: Motion, *, coupled: bool = False
 ) -> Estimate:
     """The thesis's estimate (4.31). Raises NotIdentifiableError."""
-    problem = _Problem(log, profile, motion, coupled, window_s)
+    problem = _Problem(log, profile, motion, coupled)
     speed = _speed(log, motion)
     return problem.estimate(problem.regressors(speed), problem.choose(speed, MOVING_M_S))
 
 
 def instrumental(
-    log: Log,
-    profile: P2osRobot,
-    motion: Motion,
-    *,
-    coupled: bool = False,
-    window_s: float = WINDOW_S,
-    rounds: int = 2,
+    log: Log, profile: P2osRobot, motion: Motion, *, coupled: bool = False
 ) -> Estimate:
     """The same equation, with the model's response as instruments. Raises NotIdentifiableError."""
-    problem = _Problem(log, profile, motion, coupled, window_s)
+    problem = _Problem(log, profile, motion, coupled)
     quiet, still = _speed(log, motion), MOVING_M_S
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         chosen = problem.choose(quiet, still)
         problem.check(chosen)
         theta = problem.fit(problem.regressors(quiet), chosen)
@@ -202,13 +193,11 @@ def _slow(profile: P2osRobot, motion: Motion, rim_m_s: float) -> float:
 class _Problem:
     """The windows of a log and the sums over them: eta(t_k) - eta(t_(k-1)) = integral theta."""
 
-    def __init__(
-        self, log: Log, profile: P2osRobot, motion: Motion, coupled: bool, window_s: float
-    ) -> None:
+    def __init__(self, log: Log, profile: P2osRobot, motion: Motion, coupled: bool) -> None:
         self.motion, self.coupled, self._profile, self._log = motion, coupled, profile, log
         steps = np.diff(log.t)
         self.dt = float(np.median(steps))
-        size = max(1, round(window_s / self.dt))
+        size = max(1, round(WINDOW_S / self.dt))
         starts = np.arange(0, len(log.t) - size, size)
         self._samples = starts[:, None] + np.arange(size + 1)  # of every window, ends included
         self._held = steps[self._samples[:, :-1]]  # s that each row's voltage stays on
@@ -247,26 +236,33 @@ class _Problem:
 
     def fit(self, instruments: Floats, chosen: NDArray[np.bool_]) -> Floats:
         """Theta = (Z' F)^-1 Z' Y, which is (4.31) when the instruments Z are the regressors F."""
+        raw = self._raw(instruments, chosen)
+        return raw * self._stretch(raw)
+
+    def _raw(self, instruments: Floats, chosen: NDArray[np.bool_]) -> Floats:
+        """Tustin's coefficients."""
         f, z, y = self._measured[0][chosen], instruments[chosen], self._measured[1][chosen]
         scale = np.linalg.norm(f, axis=0)
         theta: Floats = np.linalg.solve(z.T @ f / scale, z.T @ y) / scale
-        return theta * self._stretch(theta)
+        return theta
 
     def estimate(self, instruments: Floats, chosen: NDArray[np.bool_]) -> Estimate:
         """Theta and its covariance, by way of the samples that windows share."""
         self.check(chosen)
-        theta = self.fit(instruments, chosen)
-        raw = theta / self._stretched(theta)
+        raw = self._raw(instruments, chosen)
+        stretch = self._stretch(raw)
         noise, shared = self._noise(raw, chosen)
         f, z = self._measured[0][chosen], instruments[chosen]
-        gain = np.linalg.solve(z.T @ f, z.T) * noise * self._stretched(theta)
+        gain = np.linalg.solve(z.T @ f, z.T) * noise * stretch
         one = (gain * np.sum(shared**2, axis=1)) @ gain.T
         # the last sample of a window is the first of the next
         follows = np.diff(np.flatnonzero(chosen)) == 1
         common = np.where(follows, shared[:-1, -1] * shared[1:, 0], 0.0)
         two = (gain[:, :-1] * common) @ gain[:, 1:].T
         covariance = one + two + two.T
-        return Estimate(self.motion, theta, covariance, noise, int(chosen.sum()), self.coupled)
+        return Estimate(
+            self.motion, raw * stretch, covariance, noise, int(chosen.sum()), self.coupled
+        )
 
     def check(self, chosen: NDArray[np.bool_]) -> None:
         """Each regressor must have a part of its own, and not of noise alone."""
@@ -305,11 +301,6 @@ class _Problem:
         """From Tustin's coefficients to those of continuous time."""
         x = 0.5 * float(theta[1]) * self.dt
         return atanh(x) / x if 0.0 < x < 1.0 else 1.0
-
-    def _stretched(self, theta: Floats) -> float:
-        """What `_stretch` has made of them."""
-        x = 0.5 * float(theta[1]) * self.dt
-        return x / tanh(x) if x > 0.0 else 1.0
 
 
 METHODS: Final = {"instruments": instrumental, "least-squares": least_squares}
