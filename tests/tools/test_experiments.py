@@ -364,19 +364,18 @@ def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
 def test_an_experiment_writes_its_runs_table_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = replace_experiment(thesis.TABLE_5_1, parts=(driven(lambda _: cells_of("sc1")),))
-    panels = {"sc1": ("sc1", {name: f"sc1 {name}" for name in thesis.CONTROLLERS})}
+    panels = {"sc1": ("sc1", {"collaborative": SC1.name})}
     small = replace_experiment(
-        small,
-        report=lambda context: compare([Column("fast", context.samples["sc1 fast"])]),
+        declared(SC1),
+        report=lambda context: compare([Column("collaborative", context.samples[SC1.name])]),
         figures=lambda context: thesis._paths(context, "paths", panels, 1),
     )
-    monkeypatch.setattr(thesis, "TABLE_5_1", small)  # one scenario of four: less to drive
+    monkeypatch.setattr(thesis, "TABLE_5_1", small)  # one cell of twelve: less to drive
     words = ["table-5.1", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
     assert main(words) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["runs"] == 1
-    assert said["cells"]["sc1 precise"]["reached"] == 1
+    assert said["cells"][SC1.name]["reached"] == 1
     folder = tmp_path / "table-5.1"
     assert {path.name for path in folder.iterdir()} == {*said["files"], "about.json", "found.csv"}
     assert (folder / "paths.png").read_bytes().startswith(b"\x89PNG")
@@ -385,13 +384,6 @@ def test_an_experiment_writes_its_runs_table_and_figures(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(words) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def cells_of(scenario: str) -> list[Cell]:
-    return [
-        Cell(f"{scenario} {name}", scenario, name, without=("gothrough",))
-        for name in thesis.CONTROLLERS
-    ]
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
