@@ -1,4 +1,4 @@
-"""Goes through every run from one setup, the ones with fewer faults first."""
+"""Explores every run from one setup, the ones with fewer faults first."""
 
 from __future__ import annotations
 
@@ -9,39 +9,30 @@ from itertools import pairwise
 from time import monotonic
 from typing import Final
 
+from armadico.core.membership import Admission
 from armadico_tools.explore.identity import key
+from armadico_tools.explore.joining import Joiners, Joining
 from armadico_tools.explore.picks import Enumerator, Script
 from armadico_tools.explore.recovery import SELDOM, Graph, Never
-from armadico_tools.explore.replay import Run
+from armadico_tools.explore.replay import Counterexample, Run
 from armadico_tools.explore.world import BrokenError, Parts, Setup, World
 
 STARVED: Final = 1
 UNSETTLED: Final = 2
 WHOLE: Final = 4
 
+ENOUGH: Final = 3
+"""After so many counterexamples of joining, runs with more faults are not explored."""
+
 Picked = tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class Counterexample:
-    """A run that breaks a promise, as short as was found."""
-
-    promise: str
-    how: str
-    run: Run
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """What went otherwise, and cycles."""
-        return self.run.cost, self.run.cycles
 
 
 @dataclass
 class Found:
-    """What came of one setup."""
+    """The result for one setup."""
 
-    setup: Setup
-    states: int = 0
+    setup: Setup | Joining
+    states: int = 0  # or runs, of joining
     steps: int = 0
     seconds: float = 0.0
     closed: bool = True  # gone through to the end: longer runs come to no other world
@@ -60,8 +51,38 @@ class Limits:
     progress: Callable[[int], None] | None = None  # called with the states, now and then
 
 
+def explore(setup: Setup | Joining, limits: Limits, parts: Parts | None = None) -> Found:
+    """Every run of one setup within the limits."""
+    if isinstance(setup, Joining):
+        return _joining(setup, limits.faults, (parts or Parts()).admission)
+    return Search(setup, limits, parts).run()
+
+
+def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
+    """Every run with at most so many faults, those with fewer first, until some are broken."""
+    began = monotonic()
+    found = Found(setup)
+    for budget in range(faults + 1):
+        picker = Enumerator(budget)
+        while True:
+            picker.begin()
+            how = Joiners(setup, picker, admission).run()
+            if picker.cost == budget:
+                found.states += 1
+                if how:
+                    promise, _, text = how.partition(": ")
+                    run = Run(setup, {1: dict(picker.step)}, 1)
+                    found.broken.append(Counterexample(promise, text, run))
+            if not picker.advance():
+                break
+        if len(found.broken) >= ENOUGH:
+            break
+    found.seconds = monotonic() - began
+    return found
+
+
 class Search:
-    """All runs of one setup."""
+    """All runs of one setup of contenders."""
 
     def __init__(self, setup: Setup, limits: Limits, parts: Parts | None = None) -> None:
         self.setup = setup

@@ -1,11 +1,12 @@
-"""Puts the faults of a plan into a rehearsal, and takes them out again.
+"""Puts the faults of a plan into a society and takes them out: the interface, and the virtual one.
 
-Several may be on at once, so each begins and ends by making the mesh what it should be with all
-that are on: a link that two faults befall is mended when the last of them ends.
+Several may be on at once on the virtual mesh, so each begins and ends by making the mesh what it
+should be with all that are on: a link with two faults is whole again when the last of them ends.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -21,8 +22,8 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import AGAIN_S
-from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
+from armadico_tools.faults.record import Faulted
 from armadico_tools.faults.stranger import STRANGE, Stranger
 
 NONSENSE: Final = (
@@ -41,8 +42,38 @@ OLD_S: Final = 0.6
 """Commands and claims of so long before are under way when the robot agent is started again."""
 
 
-class Inflictor:
-    """Makes the faults of one run happen at their times."""
+class Injector(ABC):
+    """Begins and ends faults, and shows both to the record. A back end acts."""
+
+    def __init__(self, show: Callable[[Faulted], object]) -> None:
+        self._show = show
+        self._on: list[Fault] = []
+
+    @property
+    @abstractmethod
+    def now(self) -> float:
+        """The time of the society, s."""
+
+    @abstractmethod
+    def act(self, fault: Fault, *, begins: bool) -> None:
+        """Put a fault in, or take it out."""
+
+    def begin(self, fault: Fault, _: Any = None) -> None:
+        self._note(fault, began=True)
+        self._on.append(fault)
+        self.act(fault, begins=True)
+
+    def end(self, fault: Fault, _: Any = None) -> None:
+        self._on.remove(fault)
+        self.act(fault, begins=False)
+        self._note(fault, began=False)
+
+    def _note(self, fault: Fault, *, began: bool) -> None:
+        self._show(Faulted(self.now, fault.kind, fault.whom, began, fault.to, fault.amount))
+
+
+class VirtualInjector(Injector):
+    """Makes the faults of one virtual run happen at their times."""
 
     def __init__(
         self,
@@ -50,11 +81,10 @@ class Inflictor:
         show: Callable[[Faulted], object],
         variation: Variation,
     ) -> None:
+        super().__init__(show)
         self._rehearsal = rehearsal
         self._variation = variation
         self._mesh = rehearsal.mesh
-        self._show = show
-        self._on: list[Fault] = []
         self._down: Counter[str] = Counter()
         self._twins: Counter[str] = Counter()
         self._away: set[Fault] = set()  # of those that flap
@@ -67,8 +97,12 @@ class Inflictor:
     def schedule(self, faults: tuple[Fault, ...]) -> None:
         """Have them begin and end."""
         for fault in faults:
-            self._mesh.call_at(fault.at, self._begin, fault)
-            self._mesh.call_at(fault.until, self._end, fault)
+            self._mesh.call_at(fault.at, self.begin, fault)
+            self._mesh.call_at(fault.until, self.end, fault)
+
+    @property
+    def now(self) -> float:
+        return self._mesh.now
 
     def alive(self, name: str) -> list[Node]:
         """The processes of an agent that are alive, the oldest first."""
@@ -84,21 +118,11 @@ class Inflictor:
         if not self.alive(name):
             self._settle(name)
 
-    # Beginning and ending ------------------------------------------------------------------------
-
-    def _begin(self, fault: Fault, _: Any) -> None:
-        self._show(_faulted(self._mesh.now, fault, began=True))
-        self._on.append(fault)
-        self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
-        self._act(fault, begins=True)
-
-    def _end(self, fault: Fault, _: Any) -> None:
-        self._on.remove(fault)
-        self._act(fault, begins=False)
-        self._show(_faulted(self._mesh.now, fault, began=False))
-
-    def _act(self, fault: Fault, *, begins: bool) -> None:
+    def act(self, fault: Fault, *, begins: bool) -> None:
+        """Make the mesh what it should be, now that a fault begins or has ended."""
         kind = fault.kind
+        if begins:
+            self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
         if kind in NETWORK:
             self._mend_links()
         elif kind.startswith("serial"):
@@ -292,10 +316,6 @@ class Inflictor:
         self._rehearsal.robot.controller.break_sonars(how)
 
     _frozen_sonar = _silent_sonar
-
-
-def _faulted(at: float, fault: Fault, *, began: bool) -> Faulted:
-    return Faulted(at, fault.kind, fault.whom, began, fault.to, fault.amount)
 
 
 def _worse(faults: LinkFaults, fault: Fault) -> LinkFaults:

@@ -138,6 +138,32 @@ class Case(Struct, frozen=True, omit_defaults=True):
         return msgspec.json.encode(self).decode()
 
 
+class Outcome(Struct, frozen=True):
+    """The result of one case, or of one trial on real processes.
+
+    `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
+    time from healing to moving again, `missions` how many goals were reached and `again` how often
+    a forgotten mission was requested again. `contacts` and `moving_s` (s) are by what voided
+    COLLISION then, the empty string if nothing did; `sights` counts situations, and `unsaid_s` is
+    the longest time that the robot moved with a pose that was wrong by more than it says. `kind` is
+    that of a trial, and `figures` are what it measured.
+    """
+
+    case: Case
+    faults: dict[str, int]
+    violations: tuple[tuple[str, float, str], ...]
+    longest_s: float | None = None
+    missions: int = 0
+    driven_m: float = 0.0
+    again: int = 0
+    contacts: dict[str, int] = {}
+    moving_s: dict[str, float] = {}
+    sights: dict[str, int] = {}
+    unsaid_s: float = 0.0
+    kind: str = ""
+    figures: dict[str, float] = {}
+
+
 def loads(text: str | bytes) -> Case:
     """A case from its JSON. Raises ConfigError with what is wrong."""
     try:

@@ -14,7 +14,7 @@ from math import hypot
 from random import Random
 from typing import Any, Final
 
-from msgspec import Struct, structs
+from msgspec import structs
 
 from armadico.bridge.robot import Robot
 from armadico.config.scenarios import load_scenario, society
@@ -38,8 +38,9 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.injector import Inflictor
-from armadico_tools.faults.observations import (
+from armadico_tools.faults.injector import VirtualInjector
+from armadico_tools.faults.plan import Case, Outcome, draw, vary
+from armadico_tools.faults.record import (
     Astray,
     Bids,
     Denied,
@@ -50,13 +51,12 @@ from armadico_tools.faults.observations import (
     Passed,
     Refused,
     Said,
+    bounds_of,
     of_the_wheels,
 )
-from armadico_tools.faults.plan import Case, draw, vary
 from armadico_tools.faults.recovery import FORGOTTEN_S
-from armadico_tools.faults.sightings import Sight, Sightings
-from armadico_tools.faults.wheel_commands import Orders
-from armadico_tools.faults.world_state import bounds_of
+from armadico_tools.faults.serial_tap import Orders
+from armadico_tools.faults.sightings import Sight
 
 SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
 
@@ -71,29 +71,6 @@ BOOTED_S: Final = 1e5
 """Clocks of the processes begin anywhere within this."""
 
 SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose, Obstacles)
-
-
-class Outcome(Struct, frozen=True):
-    """What came of one case.
-
-    `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
-    time from healing to moving again, `missions` how many goals were reached and `again` how often
-    a mission was asked for again that had been forgotten. `contacts` and `moving_s` (s) are by what
-    voided COLLISION then, nothing by the empty word; `sights` counts what was seen to happen, and
-    `unsaid_s` is the longest that it moved with a pose that was wrong by more than it says.
-    """
-
-    case: Case
-    faults: dict[str, int]
-    violations: tuple[tuple[str, float, str], ...]
-    longest_s: float | None
-    missions: int
-    driven_m: float
-    again: int = 0
-    contacts: dict[str, int] = {}
-    moving_s: dict[str, float] = {}
-    sights: dict[str, int] = {}
-    unsaid_s: float = 0.0
 
 
 def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
@@ -133,7 +110,7 @@ class Workload:
         self.mesh.joined = self._joined
         for node in self.mesh.nodes:
             self._joined(node)
-        self._inflictor = Inflictor(self.rehearsal, self.show, case.variation)
+        self._injector = VirtualInjector(self.rehearsal, self.show, case.variation)
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._asked = False
@@ -144,14 +121,13 @@ class Workload:
         self._driven = 0.0
         self._looked: dict[str, int] = {}
         self._elsewhere: set[int] = set()  # epochs of robot agents with controllers of their own
-        self.sightings = Sightings()
         self.missions = self.again = 0
         self.error: tuple[float, str] | None = None
         self._broken: set[Promise] = set()
 
     def run(self, until: Promise | None = None) -> Outcome:
         """Drive to the end of the case, or until a promise is broken."""
-        self._inflictor.schedule(self.case.faults)
+        self._injector.schedule(self.case.faults)
         self.mesh.call_at(1.0, self._look)
         try:
             self.mesh.run(self.case.lasts, None if until is None else lambda: until in self._broken)
@@ -178,16 +154,15 @@ class Workload:
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
             unsaid_s=round(self.checker.unsaid_s, 2),
-            sights={sight.name: self.sightings.counts[sight] for sight in Sight},
+            sights={sight.name: self.checker.sights.counts[sight] for sight in Sight},
         )
 
     # What the checker is shown -------------------------------------------------------------------
 
     def show(self, seen: Observation) -> list[Violation]:
-        """Show the checker, and whoever counts what happens, one thing."""
+        """Show the checker one observation."""
         found = self.checker.take(seen)
         self._broken.update(violation.promise for violation in found)
-        self.sightings.take(seen, self.checker.situation)
         return found
 
     def _said(self, _key: str, message: Message, now: float) -> None:
@@ -232,7 +207,7 @@ class Workload:
 
     def _refused(self, node: Node) -> None:
         self.show(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
-        self._inflictor.refused(node)
+        self._injector.refused(node)
 
     def _joined(self, node: Node) -> None:
         """Tap a robot agent's line, and see whom it obeys."""
