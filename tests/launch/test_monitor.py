@@ -141,7 +141,7 @@ def test_where_nothing_is_wrong_nobody_is_asked_for_anything(scenario: Scenario)
         *(("hung", name) for name in ("goto", "monitor")),
         ("deaf", "localization"),
     ],
-)  # `python -m armadico_tools.losses` has everybody
+)
 def test_whoever_dies_or_hangs_is_back_once_and_the_mission_goes_on(name: str, fault: str) -> None:
     society = Society(TWO, SC4, seed=2).let_pass(6.0)
     FAULTS[fault](society.mesh.node(name))

@@ -13,8 +13,8 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Ballot, Claim, Command, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import VirtualMesh
+from armadico.testing.society import RobotOwner
 from armadico_tools.bench.figures import Figure, figure
-from armadico_tools.transcripts.agents import Driven
 
 CROWDS: Final = (3, 10, 50)
 """Numbers of contenders."""
@@ -27,11 +27,8 @@ TURN_CYCLES: Final = 15
 """Cycles after which the best bid is another contender's."""
 
 
-class Robot(Driven):
+class Robot(RobotOwner):
     """Notes whose command was the first of its ballot that it obeyed."""
-
-    describes = None
-    provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
