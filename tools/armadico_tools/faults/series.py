@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Final
 
-from msgspec import Struct
+from msgspec import Struct, json
 
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case, Outcome
@@ -150,25 +150,17 @@ def lines(summary: Summary, trials: Iterable[Trial]) -> list[Line]:
 
 
 class Ran(Struct, frozen=True):
-    """A seed that has been run, as it is kept; `violations` counts them by promise."""
+    """A seed or a trial that has been run, as it is kept; `violations` counts them by promise."""
 
     commit: str
     seed: int
     scenario: str
     seconds: float
-    kinds: str = ""  # that it was to make; none: all
+    kinds: str = ""  # of faults, if only some were made; of a trial
     faults: int = 0
     violations: str = ""
-    longest_s: float | None = None
-    missions: int = 0
-    driven_m: float = 0.0
     what: str = ""  # the first violation
-    contacts: int = 0
-    void_contacts: int = 0
-    moving_s: float = 0.0
-    void_s: float = 0.0
-    again: int = 0
-    figures: str = ""
+    figures: str = ""  # what was counted or measured, as JSON
 
 
 class Ledger:
@@ -190,27 +182,20 @@ class Ledger:
         return len({ran.seed for ran in mine}), sum(bool(ran.violations) for ran in mine)
 
     def add(self, outcome: Outcome, kinds: Sequence[str] = ()) -> None:
-        case, longest = outcome.case, outcome.longest_s
+        case = outcome.case
         broken = Counter(promise for promise, _, _ in outcome.violations)
+        counted = outcome.figures or {
+            name: getattr(outcome, name)
+            for name in ("longest_s", "missions", "driven_m", "contacts", "moving_s", "again")
+        }
         self._rows.add(
             Ran(
-                self._commit,
-                case.seed,
-                case.scenario,
-                case.lasts,
-                outcome.kind or " ".join(kinds),
-                sum(outcome.faults.values()),
-                " ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
-                None if longest is None else round(longest, 3),
-                outcome.missions,
-                outcome.driven_m,
-                outcome.violations[0][2] if outcome.violations else "",
-                outcome.contacts.get("", 0),
-                sum(count for why, count in outcome.contacts.items() if why),
-                round(sum(outcome.moving_s.values()), 1),
-                round(sum(s for why, s in outcome.moving_s.items() if why), 1),
-                outcome.again,
-                "; ".join(f"{name}: {value:g}" for name, value in outcome.figures.items()),
+                *(self._commit, case.seed, case.scenario, case.lasts),
+                kinds=outcome.kind or " ".join(kinds),
+                faults=sum(outcome.faults.values()),
+                violations=" ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
+                what=outcome.violations[0][2] if outcome.violations else "",
+                figures=json.encode(counted).decode(),
             )
         )
 

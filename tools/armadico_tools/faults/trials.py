@@ -12,7 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+
+from msgspec import structs
 
 from armadico.config.hosts import HostTable
 from armadico.config.scenarios import Scenario
@@ -20,7 +22,7 @@ from armadico.core.messages import Ballot
 from armadico.observe.recorder import part
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.live import HEARD_S, ROAD, LiveInjector, RealSociety, TrialError
-from armadico_tools.faults.plan import CUTS, NETWORK, Case, Fault, Outcome
+from armadico_tools.faults.plan import Case, Fault, Outcome
 from armadico_tools.faults.record import Record, bounds_of
 from armadico_tools.testbed import Namespaces, Place
 
@@ -55,6 +57,9 @@ AGAIN: Final = 3
 Whom = Callable[[RealSociety], tuple[str, ...]]
 """The agents that a fault befalls, by their labels."""
 
+Check = Callable[["Moment"], str]
+"""What is wrong after a trial; nothing, if it went as it should."""
+
 
 @dataclass
 class Moment:
@@ -88,11 +93,8 @@ class Moment:
 
     @property
     def back(self) -> float | None:
-        """When the last token of those that were cut off came back."""
-        alive = self.record.alive
-        if any(alive.get(one, 0.0) <= self.begun for one in self.gone):
-            return None
-        return max(self.ended, *(alive[one] for one in self.every if one in alive))
+        """When the last token came back; its end, if all are still there."""
+        return max(self.ended, *(self.record.alive.get(one, self.ended) for one in self.every))
 
 
 @dataclass(frozen=True)
@@ -112,20 +114,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of trial: a fault on `whom`, for `lasts` s at least, and what is measured."""
+    """One kind of trial: a fault, for as long as it lasts at least, and what is measured.
+
+    The agents that it befalls are chosen in each trial, by `whom`.
+    """
 
     name: str
     text: str
-    kind: str
+    fault: Fault
     whom: Whom
     figures: tuple[Figure, ...]
-    lasts: float = 0.0
-    amount: float = 0.0
-    spread: float = 0.0
-    check: Callable[[Moment], str] = lambda _: ""  # what is wrong, at its end
+    check: Check = lambda _: ""  # what is wrong, at its end
     twin: bool = False  # needs a second goto that stands by
     hosts: bool = False  # needs hosts with a network between them, not one machine
-    table: bool = True  # whether it is of the table of docs/reliability.md
 
     def make(self, society: RealSociety, rng: random.Random) -> dict[str, float]:
         """Make one trial; its figures by name. Raises TrialError."""
@@ -135,11 +136,11 @@ class Trial:
         gone = tuple(society.agents[label].instance for label in whom)
         moment = Moment(record, gone, tuple(agent.instance for agent in society.agents.values()))
         moment.ballot, moment.speed = record.obeyed, record.state.v if record.state else 0.0
-        fault = Fault(self.kind, 0.0, self.lasts, whom, (), self.amount, self.spread)
+        fault = structs.replace(self.fault, whom=whom)
         injector.begin(fault)
         moment.begun = injector.acted_at
         self._await(society, moment, after=False)
-        society.run(moment.begun + self.lasts - injector.now)
+        society.run(moment.begun + fault.lasts - injector.now)
         found = self._measured(moment, after=False)
         injector.end(fault)
         moment.ended = injector.acted_at
@@ -188,11 +189,6 @@ def _each(society: RealSociety) -> tuple[str, ...]:
     """Another agent each time."""
     society.count += 1
     return ([*society.agents][(society.count - 1) % len(society.agents)],)
-
-
-def _holders_host(society: RealSociety) -> tuple[str, ...]:
-    (holder,) = _holder(society)
-    return society.on_host(society.agents[holder].host)
 
 
 def _each_host(society: RealSociety) -> tuple[str, ...]:
@@ -249,203 +245,163 @@ def _rest(m: Moment) -> float | None:
     return m.record.rest_after(m.begun)
 
 
-_NEXT: Final = "from just before the fault to when the next command that is obeyed is published"
-_PLUG: Final = "from putting the plug in to when the last of its agents' tokens is seen elsewhere"
-_DRIVES: Final = Figure(
-    "drives",
-    "from the end of the fault to speeds ordered that are not zero",
-    lambda m: _ms(m.ended, m.moves),
+def _next(median: float, worst: float) -> Figure:
+    text = "from just before the fault to when the next command that is obeyed is published"
+    return Figure("next obeyed", text, lambda m: _ms(m.begun, m.obeyed), median, worst)
+
+
+def _drives(text: str, worst: float | None = None) -> Figure:
+    return Figure("drives", text, lambda m: _ms(m.ended, m.moves), worst=worst, after=True)
+
+
+_STOP: Final = Figure(
+    "stop",
+    "from just before it to zero speeds on the line",
+    lambda m: _ms(m.begun, m.stop),
+    None,
+    400,
+)
+_STOPPED: Final = Figure(
+    "rest",
+    "from those to the first true speed of zero (sent each 100 ms)",
+    lambda m: _ms(m.stop, m.record.rest_after(m.stop) if m.stop else None),
+)
+_SPEED: Final = Figure("speed mm/s", "what it drove before", lambda m: 1e3 * m.speed)
+_ROLLED: Final = Figure(
+    "rest", "from just before it to the first true speed of zero", lambda m: _ms(m.begun, _rest(m))
+)
+_FASTEST: Final = Figure(
+    "fastest mm/s",
+    "its largest true speed meanwhile",
+    lambda m: 1e3 * m.record.fastest(m.begun, _rest(m) or inf),
+)
+_FROM_TOKEN: Final = Figure(
+    "drives, from its token",
+    "the same from its liveliness token",
+    lambda m: _ms(max(m.record.alive.values()), m.moves),
+    after=True,
+)
+_LURCH: Final = Figure(
+    "fastest before mm/s",
+    "the largest true speed until then: no lurch",
+    lambda m: 1e3 * m.record.fastest(m.ended, m.moves or inf),
+    after=True,
+)
+_LATE: Final = Figure(
+    "late commands",
+    "sent on waking by the ballot of before; none was obeyed",
+    lambda m: m.record.late_commands(m.ended, m.ballot) if m.ballot else None,
+    after=True,
+)
+_SILENCE: Final = Figure(
+    "longest silence",
+    "between two orders on the line, until it is back",
+    lambda m: 1e3 * m.record.longest_silence(m.begun),
+    after=True,
+)
+_REJOINED: Final = Figure(
+    "rejoined",
+    "from mending the link to when the last of its agents' tokens is seen elsewhere",
+    lambda m: _ms(m.ended, m.back),
+    worst=2000,
+    after=True,
+)
+_AGAIN: Final = Figure(
+    "obeyed again",
+    "from mending the link to the next command obeyed",
+    lambda m: _ms(m.ended, m.record.obeyed_after(m.ended)),
     after=True,
 )
 _SHARE: Final = Figure(
-    "obeyed %",
-    "cycles in which a recent command was obeyed, while it lasted",
-    lambda m: 100.0 * m.share,
+    "obeyed %", "cycles with a recent command obeyed, while it lasted", lambda m: 100.0 * m.share
 )
-_REJOINED: Final = Figure("rejoined", _PLUG, lambda m: _ms(m.ended, m.back), None, 2000, after=True)
-_STOP: Final = "to zero speeds on the line"
-
-
-def _next(median: float, worst: float) -> Figure:
-    return Figure("next obeyed", _NEXT, lambda m: _ms(m.begun, m.obeyed), median, worst)
-
+_RESTARTED: Final = "from starting its process to speeds on the line that are not zero"
+_ENDED: Final = "from the end of the fault to speeds ordered that are not zero"
 
 TABLE: Final = (
     Trial(
         "holder-killed",
         "the holder killed (SIGKILL), another contender alive: a second goto",
-        *("crash", _holder),
+        Fault("crash", 0, 0, ()),
+        _holder,
         (_next(200, 400),),
         twin=True,
     ),
     Trial(
         "holder-hung",
         "the holder hung (SIGSTOP), another contender alive: a second goto",
-        *("hang", _holder),
-        (
-            _next(400, 600),
-            Figure(
-                "late commands",
-                "sent on waking by the ballot of before; none was obeyed",
-                lambda m: m.record.late_commands(m.ended, m.ballot) if m.ballot else None,
-                after=True,
-            ),
-        ),
-        lasts=LEASE_OVER_S,
+        Fault("hang", 0, LEASE_OVER_S, ()),
+        _holder,
+        (_next(400, 600), _LATE),
         check=_not_with_the_old_ballot,
         twin=True,
     ),
     Trial(
         "holder-cut-off",
         "the holder's host cut off for 3 s, another contender alive: a second goto",
-        *("partition", _holders_host),
-        (
-            _next(400, 600),
-            Figure(
-                "longest silence",
-                "between two orders on the line, until it is back",
-                lambda m: 1e3 * m.record.longest_silence(m.begun),
-                after=True,
-            ),
-            _REJOINED,
-        ),
-        lasts=CUT_S,
+        Fault("partition", 0, CUT_S, ()),
+        lambda s: s.on_host(s.agents[_holder(s)[0]].host),
+        (_next(400, 600), _SILENCE, _REJOINED),
         twin=True,
         hosts=True,
     ),
     Trial(
         "nobody-left",
         "the holder killed, no bidder left",
-        *("crash", lambda _: ("goto",)),
-        (
-            Figure(
-                *("stop", f"from just before SIGKILL {_STOP}", lambda m: _ms(m.begun, m.stop)),
-                *(None, 400),
-            ),
-            Figure(
-                "rest",
-                "from those to the first true speed of zero (sent each 100 ms)",
-                lambda m: _ms(m.stop, m.record.rest_after(m.stop) if m.stop else None),
-            ),
-            Figure("speed mm/s", "what it drove before", lambda m: 1e3 * m.speed),
-        ),
+        Fault("crash", 0, 0, ()),
+        lambda _: ("goto",),
+        (_STOP, _STOPPED, _SPEED),
     ),
     Trial(
         "robot-killed",
         "the robot agent killed, and started again when the wheels rest",
-        *("crash", lambda _: ("robot",)),
-        (
-            Figure(
-                "rest",
-                "from just before SIGKILL to the first true speed of zero",
-                lambda m: _ms(m.begun, _rest(m)),
-            ),
-            Figure(
-                "fastest mm/s",
-                "its largest true speed meanwhile",
-                lambda m: 1e3 * m.record.fastest(m.begun, _rest(m) or inf),
-            ),
-            Figure(
-                "drives",
-                "from starting its process to speeds on the line that are not zero",
-                lambda m: _ms(m.ended, m.moves),
-                *(None, 2000),
-                after=True,
-            ),
-            Figure(
-                "drives, from its token",
-                "the same from its liveliness token",
-                lambda m: _ms(max(m.record.alive.values()), m.moves),
-                after=True,
-            ),
-            Figure(
-                "fastest before mm/s",
-                "the largest true speed until then: no lurch",
-                lambda m: 1e3 * m.record.fastest(m.ended, m.moves or inf),
-                after=True,
-            ),
-        ),
+        Fault("crash", 0, 0, ()),
+        lambda _: ("robot",),
+        (_ROLLED, _FASTEST, _drives(_RESTARTED, 2000), _FROM_TOKEN, _LURCH),
         check=_starts_from_rest,
     ),
     Trial(
         "host-lost",
         "the host of all behaviours cut off for 3 s, and back",
-        *("partition", lambda s: s.on_host(s.agents["goto"].host)),
-        (
-            Figure(
-                *("stop", f"from pulling the plug {_STOP}", lambda m: _ms(m.begun, m.stop)),
-                *(None, 400),
-            ),
-            _REJOINED,
-            Figure(
-                "obeyed again",
-                "from putting the plug in to the next command obeyed",
-                lambda m: _ms(m.ended, m.record.obeyed_after(m.ended)),
-                after=True,
-            ),
-        ),
-        lasts=CUT_S,
+        Fault("partition", 0, CUT_S, ()),
+        lambda s: s.on_host(s.agents["goto"].host),
+        (_STOP, _REJOINED, _AGAIN),
         hosts=True,
     ),
 )
 """The lines of the table in docs/reliability.md."""
 
 
-def _beside(name: str, text: str, kind: str, whom: Whom, lasts: float, **more: Any) -> Trial:
+def _beside(name: str, text: str, fault: Fault, whom: Whom, check: Check = lambda _: "") -> Trial:
     """A trial of which only the promises, and until when the robot drives again, are of interest.
 
     Cuts also have when the tokens are back; bad links, how often a command was obeyed.
     """
-    besides = {"partition": (_REJOINED,), "delay": (_SHARE,), "drop": (_SHARE,)}.get(kind, ())
-    hosts = kind in NETWORK | CUTS
-    figures = (*besides, _DRIVES)
-    return Trial(name, text, kind, whom, figures, lasts, hosts=hosts, table=False, **more)
+    link = {"partition": (_REJOINED,), "delay": (_SHARE,), "drop": (_SHARE,)}.get(fault.kind, ())
+    return Trial(name, text, fault, whom, (*link, _drives(_ENDED)), check, hosts=bool(link))
 
+
+def _all(society: RealSociety) -> tuple[str, ...]:
+    return tuple(society.agents)
+
+
+_TURN_100: Final = Fault("delay", 0, BAD_S, (), (), 0.05, 0.01)
+_WAY_300: Final = Fault("delay", 0, BAD_S, (), (), 0.3)
+_DOWN: Final = Fault("partition", 0, CUT_S, (), (), 1.0)
+_GONE: Final = Fault("robot-restart", 0, 1.0, ())
 
 TRIALS: Final = {
     trial.name: trial
     for trial in (
         *TABLE,
-        _beside("kill-one", "each agent killed in turn, and started again", "crash", _each, 1.0),
-        _beside("hang-one", "each agent hung for 1.5 s in turn", "hang", _each, LEASE_OVER_S),
-        _beside(
-            "simulator-gone",
-            "simulator and line gone for 1 s",
-            *("robot-restart", lambda _: ("robot",)),
-            1.0,
-        ),
-        _beside(
-            "link-down",
-            "each host's card down for 3 s in turn",
-            *("partition", _each_host),
-            CUT_S,
-            amount=1.0,
-        ),
-        _beside("partition", "two hosts and two apart for 3 s", "partition", _half, CUT_S),
-        _beside(
-            *(
-                "round-trip-100",
-                "100 ms round trip with jitter: drives on",
-                "delay",
-                lambda s: (*s.agents,),
-                BAD_S,
-            ),
-            amount=0.05,
-            spread=0.01,
-            check=_drives_on,
-        ),
-        _beside(
-            *(
-                "one-way-300",
-                "300 ms one way: stands, and logs why",
-                "delay",
-                lambda s: (*s.agents,),
-                BAD_S,
-            ),
-            amount=0.3,
-            check=_stands,
-        ),
-        _beside("loss-20", "20 % loss", "drop", lambda s: (*s.agents,), BAD_S, amount=0.2),
+        _beside("kill-one", "each agent killed in turn", Fault("crash", 0, 1.0, ()), _each),
+        _beside("hang-one", "each agent hung in turn", Fault("hang", 0, LEASE_OVER_S, ()), _each),
+        _beside("simulator-gone", "simulator and line gone for 1 s", _GONE, lambda _: ("robot",)),
+        _beside("link-down", "each host's card down for 3 s in turn", _DOWN, _each_host),
+        _beside("partition", "two hosts and two apart", Fault("partition", 0, CUT_S, ()), _half),
+        _beside("round-trip-100", "100 ms round trip: drives on", _TURN_100, _all, _drives_on),
+        _beside("one-way-300", "300 ms one way: stands, logs why", _WAY_300, _all, _stands),
+        _beside("loss-20", "20 % loss", Fault("drop", 0, BAD_S, (), (), 0.2), _all),
     )
 }
 """Every kind of trial, by its name."""
@@ -482,9 +438,9 @@ def run_trials(
             nonlocal known
             fresh, known = checker.violations[known:], len(checker.violations)
             if figures or fresh:
-                case = Case(seed, scenario.name, trial.lasts or CALM_S, ())
+                case = Case(seed, scenario.name, trial.fault.lasts or CALM_S, ())
                 broken = tuple((v.promise.name, v.at, v.text) for v in fresh)
-                counts = {trial.kind: 1} if figures else {}
+                counts = {trial.fault.kind: 1} if figures else {}
                 done(Outcome(case, counts, broken, kind=trial.name, figures=figures))
 
         try:
