@@ -20,7 +20,7 @@ from armadico.core.messages import (
 )
 from armadico.mobile.messages import Origin, Pose, Trajectory, Truth
 from armadico.mobile.obstacles import Obstacles
-from armadico_tools.faults.fault_types import AWAITED, KINDS
+from armadico_tools.faults.fault_types import KINDS
 from armadico_tools.faults.plan import Case, Fault
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.stranger import BEYOND, FLOOD, MOST_POINTS, RATCHET, STRANGE, WHO
@@ -55,9 +55,8 @@ def strange(heard: Sequence[Message], kind: type[Claim | Command]) -> list[Claim
     return [m for m in heard if isinstance(m, kind) and m.ballot.instance == WHO]
 
 
-def test_every_strange_kind_is_a_kind_and_what_is_awaited_too() -> None:
+def test_every_strange_kind_is_a_kind() -> None:
     assert {*KINDS} > STRANGE
-    assert {*KINDS} > AWAITED
 
 
 def test_a_stray_state_arrives_and_no_watcher_takes_it_for_the_robots() -> None:

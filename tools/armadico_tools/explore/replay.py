@@ -30,7 +30,8 @@ class Run:
     def cost(self) -> int:
         """How much goes otherwise."""
         picked = [what for step in self.steps.values() for what in step]
-        return sum(not what.startswith("draw") and not what.endswith("begins") for what in picked)
+        free = ("draw", "start")
+        return sum(not what.startswith(free) and not what.endswith("begins") for what in picked)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from time import monotonic
@@ -47,8 +46,6 @@ class Limits:
     cycles: int | None = None  # None: until there is no other world
     states: int | None = None
     patience: int | None = None  # cycles within which it must come right; None: some time
-    every: bool = False  # not only the first counterexample of each promise
-    progress: Callable[[int], None] | None = None  # called with the states, now and then
 
 
 def explore(setup: Setup | Joining, limits: Limits, parts: Parts | None = None) -> Found:
@@ -116,7 +113,7 @@ class Search:
         self._note(self._root, 0, (-1, ()))
         for cost in range(self.limits.faults + 1):
             self._layer(cost)
-            if self._broken and not self.limits.every:
+            if self._broken:
                 break
         else:
             self._recover()
@@ -178,8 +175,6 @@ class Search:
             self._flags.append(flags + UNSETTLED * (whole and bool(world.unsettled)))
             if not number:
                 self._layers[0].append((0, world))
-            if number % 1000 == 0 and self.limits.progress is not None:
-                self.limits.progress(number)
             return number + 1
         if cost < self._cost[known]:
             self._cost[known], self._parent[known] = cost, parent

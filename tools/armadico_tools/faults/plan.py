@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
 from armadico.mesh.virtual import LEASE
-from armadico_tools.faults.fault_types import DRAWN, KINDS
+from armadico_tools.faults.fault_types import KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
 DRIVERS: Final = (*BEHAVIOURS, "relocate")
@@ -191,8 +191,8 @@ class Swarm(Struct, frozen=True):
 
 def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
     """Draw one; of the kinds that are given all take part, else some of those that are drawn."""
-    taking = tuple(kinds) or tuple(kind for kind in DRAWN if rng.random() < SWARM)
-    taking = taking or (rng.choice(DRAWN),)
+    taking = tuple(kinds) or tuple(kind for kind in KINDS if rng.random() < SWARM)
+    taking = taking or (rng.choice([*KINDS]),)
     weights = tuple(KINDS[kind].weight * rng.choice((1.0, 1.0, 3.0)) for kind in taking)
     lengths = tuple(rng.choice((0.2, 1.0, 1.0)) for _ in LENGTHS)
     return Swarm(taking, weights, lengths, rng.choice(PACES), rng.choice(TOGETHER))
