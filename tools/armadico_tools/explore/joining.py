@@ -54,7 +54,6 @@ class Joiners:
         self.now = 0.0
         self.setup = setup
         self.worked: set[str] = set()
-        self.at_work_at = 0.0  # when an instance was last at work
         self._kind = admission
         self._picker = picker
         self._heap: list[tuple[float, int, Any, tuple[Any, ...]]] = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 from dataclasses import dataclass, field
 from itertools import pairwise
-from time import monotonic
 from typing import Final
 
 from armadico.core.membership import Admission
@@ -33,7 +32,6 @@ class Found:
     setup: Setup | Joining
     states: int = 0  # or runs, of joining
     steps: int = 0
-    seconds: float = 0.0
     closed: bool = True  # gone through to the end: longer runs come to no other world
     starved: int = 0  # cycles at most without a valid command, while one could be obeyed
     unsettled: int = 0  # cycles at most until it settles, when nothing goes wrong any more
@@ -57,7 +55,6 @@ def explore(setup: Setup | Joining, limits: Limits, parts: Parts | None = None) 
 
 def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
     """Every run with at most so many faults, those with fewer first, until some are broken."""
-    began = monotonic()
     found = Found(setup)
     for budget in range(faults + 1):
         picker = Enumerator(budget)
@@ -74,7 +71,6 @@ def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
                 break
         if len(found.broken) >= ENOUGH:
             break
-    found.seconds = monotonic() - began
     return found
 
 
@@ -95,7 +91,6 @@ class Search:
         self._broken: dict[str, Counterexample] = {}
 
     def run(self) -> Found:
-        began = monotonic()
         collected = gc.isenabled()
         gc.disable()  # nothing here is circular, and all of it is kept
         try:
@@ -106,7 +101,6 @@ class Search:
         found = self.found
         found.states = len(self._numbers)
         found.broken = sorted(self._broken.values(), key=lambda c: c.size)
-        found.seconds = monotonic() - began
         return found
 
     def _go_through(self) -> None:

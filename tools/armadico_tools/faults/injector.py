@@ -185,32 +185,32 @@ class VirtualInjector(Injector):
 
     def _crash(self, fault: Fault, begins: bool) -> None:
         for name in fault.whom:
-            self._down[name] += 1 if begins else -1
-            self._settle(name)
+            self._come_or_go(name, 1 if begins else -1)
 
     _interface_restart = _crash
 
     def _in_turn(self, fault: Fault, begins: bool) -> None:
-        """One goes and comes, and then the next goes: it may be all that those knew who went."""
-        each = fault.lasts / (2 * len(fault.whom) - 1)
-        if begins:
-            now = self._mesh.now
-            self._go(fault.whom[0])
-            for place, name in enumerate(fault.whom):
-                if place:
-                    self._mesh.call_at(now + 2 * place * each, partial(self._go, name))
-                if name != fault.whom[-1]:
-                    self._mesh.call_at(now + (2 * place + 1) * each, partial(self._come, name))
-        else:
-            self._come(fault.whom[-1])
+        """One goes and comes, then the next: each may be all that the others knew of the pose."""
+        *rest, last = fault.whom
+        if not begins:
+            self._restart(last, -1)
+            return
+        now, each = self._mesh.now, fault.lasts / (2 * len(fault.whom) - 1)
+        for place, name in enumerate(fault.whom):
+            if place:
+                self._mesh.call_at(now + 2 * place * each, partial(self._restart, name, 1))
+            else:
+                self._restart(name, 1)
+            if name in rest:
+                self._mesh.call_at(now + (2 * place + 1) * each, partial(self._restart, name, -1))
 
-    def _go(self, name: str, _a: Any = None, _b: Any = None) -> None:
-        self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
-        self._come_or_go(name, 1)
-
-    def _come(self, name: str, _a: Any = None, _b: Any = None) -> None:
-        self._come_or_go(name, -1)
-        self._show(Faulted(self._mesh.now, "crash", (name,), began=False))
+    def _restart(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
+        """An agent goes (1) or comes (-1), which is shown as a crash."""
+        if change > 0:
+            self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
+        self._come_or_go(name, change)
+        if change < 0:
+            self._show(Faulted(self._mesh.now, "crash", (name,), began=False))
 
     def _come_or_go(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
         self._down[name] += change
@@ -262,8 +262,7 @@ class VirtualInjector(Injector):
             self._flip(fault, None)
         elif fault in self._away:
             self._away.remove(fault)
-            self._down[fault.whom[0]] -= 1
-            self._settle(fault.whom[0])
+            self._come_or_go(fault.whom[0], -1)
 
     def _flip(self, fault: Fault, _: Any) -> None:
         """Come if it is away, and go if it is there."""
@@ -272,8 +271,7 @@ class VirtualInjector(Injector):
         (name,) = fault.whom
         away = fault in self._away
         (self._away.remove if away else self._away.add)(fault)
-        self._down[name] += -1 if away else 1
-        self._settle(name)
+        self._come_or_go(name, -1 if away else 1)
         self._mesh.call_at(self._mesh.now + fault.amount, self._flip, fault)
 
     def _lone_restart(self, fault: Fault, begins: bool) -> None:
@@ -281,8 +279,7 @@ class VirtualInjector(Injector):
         (lone,) = fault.whom
         for name in BEHAVIOURS:
             if name != lone:
-                self._down[name] += 1 if begins else -1
-                self._settle(name)
+                self._come_or_go(name, 1 if begins else -1)
         if begins:
             away = min(LONE_AWAY_S, fault.lasts / 3)
             at = self._mesh.now + fault.lasts / 3
@@ -291,8 +288,7 @@ class VirtualInjector(Injector):
 
     def _robot_restart(self, fault: Fault, begins: bool) -> None:
         """Commands and claims of before arrive at the new robot agent, one after another."""
-        self._down["robot"] += 1 if begins else -1
-        self._settle("robot")
+        self._come_or_go("robot", 1 if begins else -1)
         if begins:
             old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
             for index, item in enumerate(old):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import hypot
 from random import Random
@@ -18,7 +18,6 @@ from msgspec import structs
 
 from armadico.bridge.robot import Robot
 from armadico.config.scenarios import load_scenario, society
-from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
@@ -210,16 +209,30 @@ class Workload:
         self._injector.refused(node)
 
     def _joined(self, node: Node) -> None:
-        """Tap a robot agent's line, and see whom it obeys."""
-        agent = node.agent
-        _tap_news(node, self)
+        """Tap a robot agent's line, whom it obeys, and which live agents any agent misses."""
+        agent, orders = node.agent, Orders()
+
+        def disappears(_name: str, instance: str, _now: float) -> None:
+            nodes = self.mesh.nodes
+            if any(other.alive and other.agent.instance == instance for other in nodes):
+                self.show(Missed(self.mesh.now, instance))
+
+        def writes(data: bytes) -> None:
+            for order in orders.feed(data, self.mesh.now):
+                self.show(order)
+
+        def publishes(message: Message) -> None:
+            if isinstance(message, RobotState):
+                self._elsewhere.add(message.cycle.epoch)
+
+        _before(agent, "disappeared", disappears)
         if not isinstance(agent, Robot):
             return
         if node.device is self.rehearsal.robot:
-            _tap_line(agent, self)
+            _before(agent, "write", writes)
             _tap_owner(agent.owner(WHEELS), self)
         else:
-            _tap_epochs(agent, self._elsewhere)
+            _before(agent, "publish", publishes)
 
     # Missions ------------------------------------------------------------------------------------
 
@@ -257,15 +270,15 @@ def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
     return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
 
 
-def _tap_line(agent: DeviceAgent, workload: Workload) -> None:
-    orders, write = Orders(), agent.write
+def _before(agent: Any, name: str, then: Callable[..., None]) -> None:
+    """Have a method of one instance call a function with its arguments first."""
+    method = getattr(agent, name)
 
-    def tapped(data: bytes) -> None:
-        write(data)
-        for order in orders.feed(data, workload.mesh.now):
-            workload.show(order)
+    def tapped(*args: Any, **named: Any) -> Any:
+        then(*args)
+        return method(*args, **named)
 
-    vars(agent)["write"] = tapped
+    vars(agent)[name] = tapped
 
 
 def _tap_owner(owner: Owner, workload: Workload) -> None:
@@ -280,30 +293,6 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
         return verdict
 
     vars(owner)["judge"] = tapped
-
-
-def _tap_news(node: Node, workload: Workload) -> None:
-    """See which live agents it takes for gone."""
-    agent = node.agent
-    disappeared = agent.disappeared
-
-    def tapped(name: str, instance: str, now: float) -> None:
-        if any(other.alive and other.agent.instance == instance for other in workload.mesh.nodes):
-            workload.show(Missed(workload.mesh.now, instance))
-        disappeared(name, instance, now)
-
-    vars(agent)["disappeared"] = tapped
-
-
-def _tap_epochs(agent: Robot, epochs: set[int]) -> None:
-    publish = agent.publish
-
-    def tapped(message: Message, **names: str) -> None:
-        if isinstance(message, RobotState):
-            epochs.add(message.cycle.epoch)
-        publish(message, **names)
-
-    vars(agent)["publish"] = tapped
 
 
 def run(case: Case, until: Promise | None = None) -> Outcome:
