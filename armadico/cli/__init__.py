@@ -16,7 +16,7 @@ from armadico.config.discovery import COMMANDS, UnknownNameError, find, installe
 LABORATORY: Final = "armadico-tools"
 """The distribution that brings what a robot's computer does without."""
 
-TOOLS: Final = ("bench", "experiment", "faults", "identify", "model-check", "trials")
+TOOLS: Final = ("bench", "experiment", "faults", "identify", "model-check")
 """Its commands."""
 
 GET: Final = "`make tools` in a checkout, or `pip install ./tools`"

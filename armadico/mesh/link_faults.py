@@ -10,14 +10,13 @@ from typing import Final
 class LinkFaults:
     """What is wrong with one direction of a link; by default nothing.
 
-    Times are s, shares of what is sent from 0 to 1, the rate is bits a second (0: unlimited). What
-    is sent keeps its order but for the share `reorder`.
+    Times are s, shares of what is sent from 0 to 1. What is sent keeps its order but for the share
+    `reorder`.
 
-    The virtual network carries messages: `jitter` comes on top of `delay`, what is reordered is
-    late by up to `behind`, and `garble` is the share of pieces of bytes that arrive spoilt. It has
-    no rate. The switch carries Ethernet frames: they take `delay`, give or take up to `jitter`,
-    what is reordered goes ahead without any delay, and nothing arrives spoilt, since a card would
-    drop it.
+    The virtual network carries messages: `jitter` comes on top of `delay`, what is duplicated or
+    reordered is late by up to `behind`, and `garble` is the share of pieces of bytes that arrive
+    spoilt. The laboratory's switch carries Ethernet frames: it cuts, loses and delays them, by
+    `delay` give or take up to `jitter`.
     """
 
     cut: bool = False
@@ -26,7 +25,6 @@ class LinkFaults:
     loss: float = 0.0
     duplicate: float = 0.0
     reorder: float = 0.0
-    rate: float = 0.0
     behind: float = 0.0
     garble: float = 0.0
 

@@ -17,9 +17,8 @@ from armadico.config.errors import ConfigError
 from armadico_tools.commands import faults
 from armadico_tools.faults import series, workload
 from armadico_tools.faults.fault_types import KINDS, Promise
-from armadico_tools.faults.plan import Case
+from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.sightings import Sight
-from armadico_tools.faults.workload import Outcome
 from tests.programs import call
 
 CALM = '{"seed":1,"scenario":"sc1","lasts":4.0,"faults":[["hang",2.0,0.1,["interface"]]]}'

@@ -10,11 +10,11 @@ from armadico.cli.options import INTERRUPTED, UsageError
 from armadico_tools.commands import model_check
 from armadico_tools.explore import series
 from armadico_tools.explore.identity import key
-from armadico_tools.explore.joining import all_runs, setups
+from armadico_tools.explore.joining import Joining, setups
 from armadico_tools.explore.picks import Enumerator, Script
 from armadico_tools.explore.recovery import Graph, Never
 from armadico_tools.explore.replay import Run, replay
-from armadico_tools.explore.search import Limits, Search
+from armadico_tools.explore.search import Limits, Search, explore
 from armadico_tools.explore.world import KINDS, Setup, World
 
 
@@ -38,10 +38,10 @@ def test_one_fault_breaks_no_promise(setup: Setup) -> None:
 
 
 @pytest.mark.parametrize("setup", setups(2))
-def test_of_two_that_may_not_both_stay_one_does(setup: object) -> None:
-    found = all_runs(setup, faults=2)  # type: ignore[arg-type]
+def test_of_two_that_may_not_both_stay_one_does(setup: Joining) -> None:
+    found = explore(setup, Limits(faults=2))
     assert found.broken == []
-    assert found.runs > 300
+    assert found.states > 300
 
 
 def test_a_world_is_the_same_whenever_it_happens() -> None:

@@ -13,10 +13,9 @@ from armadico.core.cycles import CycleClock
 from armadico.core.membership import Admission, Stage
 from armadico.core.messages import Ack, Command, Message
 from armadico.core.resources import Resource
-from armadico_tools.explore.joining import Joining, all_runs, rejoin
-from armadico_tools.explore.replay import replay
-from armadico_tools.explore.search import Counterexample, Limits, Search
-from armadico_tools.explore.testing import as_test, joining_as_test
+from armadico_tools.explore.joining import Joining
+from armadico_tools.explore.replay import Counterexample, as_test, replay
+from armadico_tools.explore.search import Limits, Search, explore
 from armadico_tools.explore.world import Parts, Setup
 
 
@@ -272,13 +271,14 @@ class Impatient(Admission):
     ("kind", "instances", "faults"), [(LargerStays, 2, 0), (BothGo, 2, 1), (Impatient, 2, 2)]
 )
 def test_a_bug_in_who_may_join_is_found(kind: type[Admission], instances: int, faults: int) -> None:
+    parts = Parts(admission=kind)
     for backwards in (False, True):
-        found = all_runs(Joining(instances, backwards), faults, kind)
+        found = explore(Joining(instances, backwards), Limits(faults), parts)
         if found.broken:
             break
-    how, run = found.broken[0]
-    assert run.cost <= faults
-    assert rejoin(run, kind) == [how]
-    assert rejoin(run) == []
-    assert "def test_" in joining_as_test(how, run)
+    broken = found.broken[0]
+    assert broken.run.cost <= faults
+    assert replay(broken.run, parts) == [f"{broken.promise}: {broken.how}"]
+    assert replay(broken.run) == []
+    assert "def test_" in as_test(broken)
     assert Stage.JOINED is not Stage.REFUSED

@@ -23,8 +23,9 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
-from armadico_tools.faults.observations import (
+from armadico_tools.faults.record import (
     Bids,
+    Bounds,
     Denied,
     Faulted,
     Left,
@@ -34,7 +35,6 @@ from armadico_tools.faults.observations import (
     Passed,
     Said,
 )
-from armadico_tools.faults.world_state import Bounds
 
 A, B = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 

@@ -28,10 +28,10 @@ from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.plan import EVERYBODY, Case, Fault
+from armadico_tools.faults.plan import EVERYBODY, Case, Fault, Outcome
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
-from armadico_tools.faults.workload import Outcome, case_of, run, when_broken
+from armadico_tools.faults.workload import case_of, run, when_broken
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BEHAVIOURS = ("goto", "avoid", "gothrough")

@@ -8,8 +8,8 @@ import pytest
 
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import PLACERS, Case, Fault
+from armadico_tools.faults.record import MOVING_M_S
 from armadico_tools.faults.workload import Workload
-from armadico_tools.faults.world_state import MOVING_M_S
 from tests.faults.test_planted import promises
 
 

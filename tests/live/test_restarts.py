@@ -9,8 +9,8 @@ from msgspec import structs
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.config.scenarios import load_scenario
+from armadico_tools.faults.record import may_be_off
 from armadico_tools.faults.serial_tap import moves
-from armadico_tools.faults.world_state import may_be_off
 from tests.live.conftest import Start
 from tests.live.society import LINE, ballots_never_go_down
 

@@ -19,7 +19,7 @@ from armadico.observe.recorder import Recording
 from armadico.observe.recordings import HERE, kinds, rows
 from armadico.observe.watching import Heard
 from armadico_tools.faults.checker import Checker
-from armadico_tools.faults.real_recording import check, observations
+from armadico_tools.faults.recording import check, observations
 from armadico_tools.recordings import LIVE
 from tests.missions.test_surveillance import FINAL, ORIGINAL, surveillance
 from tests.once import Once

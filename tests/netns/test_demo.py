@@ -71,8 +71,8 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
 
 
 def test_a_holder_cut_off_is_replaced_and_its_host_rejoins(run: Start, tmp_path: Path) -> None:
-    words = ("holder-cut-off", "--trials", "1", "--json", "--out", str(tmp_path / "out"))
-    process = run("trials", *words)
+    words = ("--live", "--kind", "holder-cut-off", "--trials", "1", "--json")
+    process = run("faults", *words, "--out", str(tmp_path / "out"))
     out, errors = process.communicate(timeout=SOON)
     found = json.loads(out)
     assert not found["violations"], errors

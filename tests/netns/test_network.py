@@ -11,7 +11,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.mesh.link_faults import LinkFaults
 from armadico_tools.hosts.namespaces import Host, Network
 
 ADDRESSES = {"left": "10.77.1.1", "right": "10.77.1.2"}
@@ -78,12 +77,6 @@ def test_a_cut_loses_what_is_sent_one_way_and_not_the_other(
     network.change(lambda switch: switch.heal())
     ends["left"].sendto(b"whole", (ADDRESSES["right"], PORT))
     assert ends["right"].recv(64) == b"whole", "the one before was lost, not late"
-
-
-def test_duplicates_come_twice(network: Network, ends: dict[str, socket.socket]) -> None:
-    network.change(lambda switch: switch.set([("left", "right")], LinkFaults(duplicate=1.0)))
-    ends["left"].sendto(b"twin", (ADDRESSES["right"], PORT))
-    assert [ends["right"].recv(64) for _ in range(2)] == [b"twin", b"twin"]
 
 
 def test_a_card_that_is_down_and_up_again_works(

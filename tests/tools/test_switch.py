@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from statistics import fmean
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,9 +23,6 @@ faults = st.builds(
     delay=st.floats(0.0, 0.5),
     jitter=st.floats(0.0, 0.2),
     loss=shares,
-    duplicate=shares,
-    reorder=shares,
-    rate=st.sampled_from((0.0, 1e5, 1e6)),
 )
 
 
@@ -100,33 +94,10 @@ def test_the_other_direction_and_other_links_are_whole() -> None:
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
-def test_so_many_are_lost_and_so_many_come_twice(share: float) -> None:
+def test_so_many_are_lost(share: float) -> None:
     of = switch()
     of.set([THERE], LinkFaults(loss=share))
     assert len(sent(of, 4000)) / 4000 == pytest.approx(1.0 - share, abs=0.03)
-    of.set([THERE], LinkFaults(duplicate=share))
-    assert len(sent(of, 4000)) / 4000 == pytest.approx(1.0 + share, abs=0.03)
-
-
-def test_reordered_frames_overtake_those_that_are_delayed() -> None:
-    of = switch()
-    of.set([THERE], LinkFaults(delay=0.035, reorder=0.25))
-    arrivals = sent(of, 1000)
-    order = [number_of(data) for *_, data in arrivals]
-    assert sorted(order) == list(range(1000))
-    ahead = sum(a > b for a, b in pairwise(order))
-    assert 100 < ahead < 300
-    assert of.counts()[THERE].overtaking == pytest.approx(250, abs=50)
-
-
-def test_a_slow_link_takes_its_time_and_lets_half_a_second_wait() -> None:
-    of = switch()
-    of.set([THERE], LinkFaults(rate=64 * 8 * 100))  # 100 such frames a second
-    arrivals = sent(of, 1000, each=0.0)
-    gaps = [b[0] - a[0] for a, b in pairwise(arrivals)]
-    assert fmean(gaps) == pytest.approx(0.01)
-    assert len(arrivals) == pytest.approx(51, abs=1)
-    assert of.counts()[THERE].lost == 1000 - len(arrivals)
 
 
 def test_a_partition_lets_groups_talk_among_themselves_until_it_is_healed() -> None:
@@ -142,10 +113,9 @@ def test_a_partition_leaves_what_else_is_wrong_with_a_link() -> None:
     of = switch()
     of.set([THERE], LinkFaults(delay=0.1))
     of.partition(NAMES)
-    assert of.faults(THERE) == LinkFaults(delay=0.1)
     of.cut([THERE])
     of.cut([THERE], False)
-    assert of.faults(THERE) == LinkFaults(delay=0.1)
+    assert [at for at, *_ in sent(of, 1)] == [0.1]
 
 
 def test_who_is_unplugged_hears_and_says_nothing_and_loses_what_was_on_its_way() -> None:
@@ -170,7 +140,7 @@ def test_the_same_seed_does_the_same_and_nothing_is_invented(faults: LinkFaults,
     assert runs[0] == runs[1]
     numbers = [number_of(data) for *_, data in runs[0]]
     assert all(host == "robot" for _, host, _ in runs[0])
-    assert all(numbers.count(n) <= 2 for n in range(60))
+    assert all(numbers.count(n) <= 1 for n in range(60))
     assert not numbers or max(numbers) < 60
     assert all(at >= number_of(data) * 0.01 for at, _, data in runs[0])
     assert not (faults.cut and numbers)

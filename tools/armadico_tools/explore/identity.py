@@ -19,7 +19,7 @@ What each part of it rests on:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any, Final
 
 from armadico.core.coordination import Contender, Owner, Rival
@@ -64,7 +64,8 @@ class _Keyed:
     def __init__(self, world: World) -> None:
         self.world = world
         self.tick = (world.n + 1) * CYCLE
-        self.terms = self._terms()
+        self.here = Cycle(world.epoch, world.number)
+        self.terms = _mapped({ballot.term for ballot in _ballots(world) if ballot is not None})
 
     def key(self) -> Key:
         world = self.world
@@ -93,7 +94,7 @@ class _Keyed:
             flights,
             cuts,
             self._ballot(world.top),
-            self._ago(world.top_at),
+            _ago(world.top_at, self.here),
             self._ballot(world.released) if world.released == world.top else None,
             world.obeyed_now,
             min(self.tick - world.obeyed_at, _PAST) if world.active else None,
@@ -123,15 +124,14 @@ class _Keyed:
 
     def _contender(self, side: Side, c: Contender) -> Key:
         clock, tenure, rival, ack = c.clock, c.tenure, c.rival, c.ack
-        ago = _counting_back(clock.newest)
-        silent_at = c._silent_at
+        newest, silent_at = clock.newest, c._silent_at
         extra = vars(c).keys() - _CONTENDER
         return (
             c.state.value,
-            None if tenure is None else (self._ballot(tenure.ballot), ago(tenure.began)),
+            None if tenure is None else (self._ballot(tenure.ballot), _ago(tenure.began, newest)),
             self._rival(rival, c._bids, side.turned, clock.newest),
             self._ballot(c.largest),
-            self._known_ack(ack, rival, ago),
+            self._known_ack(ack, rival, newest),
             self._clock(clock),
             self._by_cycle(c._bids, clock.newest),
             self._since(c._heard_at),
@@ -151,20 +151,19 @@ class _Keyed:
     ) -> Key | None:
         if rival is None:
             return None
-        ago = _counting_back(newest)
         claim = rival.claim
         owner = self.world.owner
         at = None if owner is None else owner.obeyed_cycle
         return (
             self._ballot(claim.ballot),
-            ago(claim.cycle),
+            _ago(claim.cycle, newest),
             # The owner's word, when it comes, is compared with this.
             at is not None and at.epoch == claim.cycle.epoch and at.number >= claim.cycle.number,
             claim.utility,
             claim.critical,
-            ago(rival.since),
+            _ago(rival.since, newest),
             tuple(
-                (self._exactly(cycle, newest), each.utility, each.critical)
+                (_exactly(cycle, newest), each.utility, each.critical)
                 for cycle, each in self._comparable(rival, bids, turned)
             ),
             rival.gone,
@@ -186,28 +185,25 @@ class _Keyed:
             del claims[0]
         return claims
 
-    def _known_ack(
-        self, ack: Ack | None, rival: Rival | None, ago: Callable[[Cycle | None], Any]
-    ) -> Key | None:
+    def _known_ack(self, ack: Ack | None, rival: Rival | None, newest: Cycle | None) -> Key | None:
         if ack is None:
             return None
         return (
-            ago(ack.cycle),
+            _ago(ack.cycle, newest),
             self._ballot(ack.largest),
             self._ballot(ack.obeyed),
-            ago(ack.obeyed_cycle),
+            _ago(ack.obeyed_cycle, newest),
             ack.utility,
             ack.critical,
             rival is not None and Contender._released(ack, rival),
         )
 
     def _clock(self, clock: CycleClock) -> Key:
-        ago = _counting_back(clock.newest)
         newest = clock.newest
         return (
-            self._ago(newest),
-            ago(clock.first),
-            ago(clock.resumed),
+            _ago(newest, self.here),
+            _ago(clock.first, newest),
+            _ago(clock.resumed, newest),
             self._since(clock.received_at),
             0 if newest is None else max(clock._listens_until - newest.number, 0),
             tuple((epoch, self._left(epoch, last)) for epoch, last in clock._left.items()),
@@ -231,7 +227,7 @@ class _Keyed:
         return (
             self._ballot(owner.largest),
             self._ballot(owner.obeyed),
-            self._ago(owner.obeyed_cycle),
+            _ago(owner.obeyed_cycle, self.here),
             owner.active,
             owner._over is not None and owner._over == owner.largest,
             owner._rank,
@@ -242,22 +238,22 @@ class _Keyed:
 
     def _message(self, message: Any) -> Any:
         if isinstance(message, Claim):
-            at = self._exactly_now(message.cycle)
+            at = _exactly(message.cycle, self.here)
             return ("claim", self._ballot(message.ballot), at, message.utility, message.critical)
         if isinstance(message, Command):
-            at = self._exactly_now(message.cycle)
+            at = _exactly(message.cycle, self.here)
             return ("command", self._ballot(message.ballot), at, message.action is None)
         if isinstance(message, Ack):
             return (
                 "ack",
-                self._exactly_now(message.cycle),
+                _exactly(message.cycle, self.here),
                 self._ballot(message.largest),
                 self._ballot(message.obeyed),
-                self._ago(message.obeyed_cycle),
+                _ago(message.obeyed_cycle, self.here),
                 message.utility,
                 message.critical,
             )
-        return self._exactly_now(message) if isinstance(message, Cycle) else message
+        return _exactly(message, self.here) if isinstance(message, Cycle) else message
 
     # Numbers -------------------------------------------------------------------------------------
 
@@ -266,28 +262,9 @@ class _Keyed:
         past = self.tick - at * SECOND
         return _PAST if past > _PAST else round(past) + 1
 
-    def _ago(self, cycle: Cycle | None) -> Any:
-        """How many cycles before the owner's."""
-        if cycle is None:
-            return None
-        if cycle.epoch != self.world.epoch:
-            return (cycle.epoch,)
-        return min(self.world.number - cycle.number, LONG) + _FAR
-
-    def _exactly_now(self, cycle: Cycle) -> Any:
-        if cycle.epoch != self.world.epoch:
-            return (cycle.epoch, cycle.number)
-        return self.world.number - cycle.number + _FAR
-
-    @staticmethod
-    def _exactly(cycle: Cycle, newest: Cycle | None) -> Any:
-        if newest is None or cycle.epoch != newest.epoch:
-            return (cycle.epoch, cycle.number)
-        return newest.number - cycle.number + _FAR
-
     def _by_cycle(self, bids: dict[Cycle, Bid], newest: Cycle | None) -> Key:
         return tuple(
-            (self._exactly(cycle, newest), bid.utility, bid.critical) for cycle, bid in bids.items()
+            (_exactly(cycle, newest), bid.utility, bid.critical) for cycle, bid in bids.items()
         )
 
     def _ballot(self, ballot: Ballot | None) -> Any:
@@ -295,62 +272,54 @@ class _Keyed:
             return None
         return (self.terms[ballot.term], ballot.utility, ballot.critical, ballot.instance)
 
-    def _terms(self) -> dict[int, int]:
-        """The terms that are left, counted from the smallest, gaps no longer than counts."""
-        found: set[int] = set()
-        add = found.add
-        world = self.world
 
-        def ballot(each: Ballot | None) -> None:
-            if each is not None:
-                add(each.term)
-
-        def ack(each: Ack | None) -> None:
-            if each is not None:
-                ballot(each.largest)
-                ballot(each.obeyed)
-
-        def message(each: Any) -> None:
-            if isinstance(each, Claim | Command):
-                add(each.ballot.term)
-            elif isinstance(each, Ack):
-                ack(each)
-
-        for side in world.sides:
-            contender = side.contender
-            if contender is not None:
-                ballot(contender.largest)
-                ack(contender.ack)
-                if contender.tenure is not None:
-                    add(contender.tenure.ballot.term)
-                if contender.rival is not None:
-                    add(contender.rival.claim.ballot.term)
-            for flight in side.waiting:
-                message(flight.message)
-        for flight in world.flights:
-            message(flight.message)
-        if world.owner is not None:
-            ballot(world.owner.largest)
-            ballot(world.owner.obeyed)
-            ballot(world.owner._over)
-        ballot(world.top)
-        ballot(world.released)
-        mapped: dict[int, int] = {}
-        last = at = 0
-        for term in sorted(found):
-            at += min(term - last, GAP)
-            mapped[term], last = at, term
-        return mapped
+def _ago(cycle: Cycle | None, newest: Cycle | None) -> Any:
+    """How many cycles before the newest; beyond `LONG` all are alike."""
+    if cycle is None:
+        return None
+    if newest is None or cycle.epoch != newest.epoch:
+        return (cycle.epoch,)
+    return min(newest.number - cycle.number, LONG) + _FAR
 
 
-def _counting_back(newest: Cycle | None) -> Callable[[Cycle | None], Any]:
-    """Cycles before one's own newest."""
+def _exactly(cycle: Cycle, newest: Cycle | None) -> Any:
+    if newest is None or cycle.epoch != newest.epoch:
+        return (cycle.epoch, cycle.number)
+    return newest.number - cycle.number + _FAR
 
-    def ago(cycle: Cycle | None) -> Any:
-        if cycle is None:
-            return None
-        if newest is None or cycle.epoch != newest.epoch:
-            return (cycle.epoch,)
-        return min(newest.number - cycle.number, LONG) + _FAR
 
-    return ago
+def _ballots(world: World) -> Iterator[Ballot | None]:
+    """Every ballot that is left in a world."""
+    messages = [flight.message for flight in world.flights]
+    for side in world.sides:
+        messages += [flight.message for flight in side.waiting]
+        contender = side.contender
+        if contender is not None:
+            yield contender.largest
+            messages.append(contender.ack)
+            if contender.tenure is not None:
+                yield contender.tenure.ballot
+            if contender.rival is not None:
+                yield contender.rival.claim.ballot
+    for message in messages:
+        if isinstance(message, Claim | Command):
+            yield message.ballot
+        elif isinstance(message, Ack):
+            yield message.largest
+            yield message.obeyed
+    if world.owner is not None:
+        yield world.owner.largest
+        yield world.owner.obeyed
+        yield world.owner._over
+    yield world.top
+    yield world.released
+
+
+def _mapped(found: set[int]) -> dict[int, int]:
+    """Terms counted from the smallest, with gaps no longer than `GAP`."""
+    mapped: dict[int, int] = {}
+    last = at = 0
+    for term in sorted(found):
+        at += min(term - last, GAP)
+        mapped[term], last = at, term
+    return mapped

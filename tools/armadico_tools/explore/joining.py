@@ -9,14 +9,13 @@ was.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from time import monotonic
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from armadico.core.membership import AGAIN_S, CARD_S, GOING_S, LEASE_S, Admission, Stage
 from armadico.core.messages import PROTOCOL, Card
-from armadico_tools.explore.picks import Enumerator, Picker, Script
+from armadico_tools.explore.picks import Picker
 
 CYCLE_S: Final = 0.1
 LATENCY_S: Final = 0.002
@@ -46,18 +45,6 @@ class Joining:
     reversed: bool = False
 
 
-@dataclass(frozen=True)
-class JoiningRun:
-    """One run, and what goes otherwise in it."""
-
-    setup: Joining
-    picks: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def cost(self) -> int:
-        return sum(not what.endswith("begins") for what in self.picks)
-
-
 class Joiners:
     """The instances, and the network between them."""
 
@@ -67,7 +54,6 @@ class Joiners:
         self.now = 0.0
         self.setup = setup
         self.worked: set[str] = set()
-        self.at_work_at = 0.0  # when an instance was last at work
         self._kind = admission
         self._picker = picker
         self._heap: list[tuple[float, int, Any, tuple[Any, ...]]] = []
@@ -254,47 +240,6 @@ class Joiners:
 
 def _seconds(how: str) -> float:
     return LATENCY_S if how == "at once" else float(how.removesuffix(" s"))
-
-
-@dataclass
-class JoiningFound:
-    """What came of one setup."""
-
-    setup: Joining
-    runs: int = 0
-    seconds: float = 0.0
-    broken: list[tuple[str, JoiningRun]] = field(default_factory=list)
-
-
-def all_runs(
-    setup: Joining, faults: int, admission: type[Admission] = Admission, most: int = 3
-) -> JoiningFound:
-    """Every run with at most so many faults, those with fewer first, until some are broken."""
-    began = monotonic()
-    found = JoiningFound(setup)
-    for budget in range(faults + 1):
-        picker = Enumerator(budget)
-        while True:
-            picker.begin()
-            how = Joiners(setup, picker, admission).run()
-            if picker.cost == budget:
-                found.runs += 1
-                if how:
-                    found.broken.append((how, JoiningRun(setup, dict(picker.step))))
-            if not picker.advance():
-                break
-        if len(found.broken) >= most:
-            break
-    found.seconds = monotonic() - began
-    return found
-
-
-def rejoin(run: JoiningRun, admission: type[Admission] = Admission) -> list[str]:
-    """One run again: the promises that it breaks. Raises ValueError if it cannot happen."""
-    script = Script(run.picks)
-    how = Joiners(run.setup, script, admission).run()
-    script.done()
-    return [how] if how else []
 
 
 def setups(instances: int) -> Sequence[Joining]:

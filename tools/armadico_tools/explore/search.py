@@ -1,49 +1,37 @@
-"""Goes through every run from one setup, the ones with fewer faults first."""
+"""Explores every run from one setup, the ones with fewer faults first."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from time import monotonic
 from typing import Final
 
+from armadico.core.membership import Admission
 from armadico_tools.explore.identity import key
+from armadico_tools.explore.joining import Joiners, Joining
 from armadico_tools.explore.picks import Enumerator, Script
 from armadico_tools.explore.recovery import SELDOM, Graph, Never
-from armadico_tools.explore.replay import Run
+from armadico_tools.explore.replay import Counterexample, Run
 from armadico_tools.explore.world import BrokenError, Parts, Setup, World
 
 STARVED: Final = 1
 UNSETTLED: Final = 2
 WHOLE: Final = 4
 
+ENOUGH: Final = 3
+"""After so many counterexamples of joining, runs with more faults are not explored."""
+
 Picked = tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class Counterexample:
-    """A run that breaks a promise, as short as was found."""
-
-    promise: str
-    how: str
-    run: Run
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """What went otherwise, and cycles."""
-        return self.run.cost, self.run.cycles
 
 
 @dataclass
 class Found:
-    """What came of one setup."""
+    """The result for one setup."""
 
-    setup: Setup
-    states: int = 0
+    setup: Setup | Joining
+    states: int = 0  # or runs, of joining
     steps: int = 0
-    seconds: float = 0.0
     closed: bool = True  # gone through to the end: longer runs come to no other world
     starved: int = 0  # cycles at most without a valid command, while one could be obeyed
     unsettled: int = 0  # cycles at most until it settles, when nothing goes wrong any more
@@ -56,12 +44,38 @@ class Limits:
     cycles: int | None = None  # None: until there is no other world
     states: int | None = None
     patience: int | None = None  # cycles within which it must come right; None: some time
-    every: bool = False  # not only the first counterexample of each promise
-    progress: Callable[[int], None] | None = None  # called with the states, now and then
+
+
+def explore(setup: Setup | Joining, limits: Limits, parts: Parts | None = None) -> Found:
+    """Every run of one setup within the limits."""
+    if isinstance(setup, Joining):
+        return _joining(setup, limits.faults, (parts or Parts()).admission)
+    return Search(setup, limits, parts).run()
+
+
+def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
+    """Every run with at most so many faults, those with fewer first, until some are broken."""
+    found = Found(setup)
+    for budget in range(faults + 1):
+        picker = Enumerator(budget)
+        while True:
+            picker.begin()
+            how = Joiners(setup, picker, admission).run()
+            if picker.cost == budget:
+                found.states += 1
+                if how:
+                    promise, _, text = how.partition(": ")
+                    run = Run(setup, {1: dict(picker.step)}, 1)
+                    found.broken.append(Counterexample(promise, text, run))
+            if not picker.advance():
+                break
+        if len(found.broken) >= ENOUGH:
+            break
+    return found
 
 
 class Search:
-    """All runs of one setup."""
+    """All runs of one setup of contenders."""
 
     def __init__(self, setup: Setup, limits: Limits, parts: Parts | None = None) -> None:
         self.setup = setup
@@ -77,7 +91,6 @@ class Search:
         self._broken: dict[str, Counterexample] = {}
 
     def run(self) -> Found:
-        began = monotonic()
         collected = gc.isenabled()
         gc.disable()  # nothing here is circular, and all of it is kept
         try:
@@ -88,14 +101,13 @@ class Search:
         found = self.found
         found.states = len(self._numbers)
         found.broken = sorted(self._broken.values(), key=lambda c: c.size)
-        found.seconds = monotonic() - began
         return found
 
     def _go_through(self) -> None:
         self._note(self._root, 0, (-1, ()))
         for cost in range(self.limits.faults + 1):
             self._layer(cost)
-            if self._broken and not self.limits.every:
+            if self._broken:
                 break
         else:
             self._recover()
@@ -157,8 +169,6 @@ class Search:
             self._flags.append(flags + UNSETTLED * (whole and bool(world.unsettled)))
             if not number:
                 self._layers[0].append((0, world))
-            if number % 1000 == 0 and self.limits.progress is not None:
-                self.limits.progress(number)
             return number + 1
         if cost < self._cost[known]:
             self._cost[known], self._parent[known] = cost, parent

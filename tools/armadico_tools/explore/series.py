@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from armadico_tools.explore.joining import Joining, JoiningFound, all_runs, setups
-from armadico_tools.explore.search import Found, Limits, Search
-from armadico_tools.explore.testing import as_test, joining_as_test
+from armadico_tools.explore.joining import Joining, setups
+from armadico_tools.explore.replay import as_test
+from armadico_tools.explore.search import Found, Limits, explore
 from armadico_tools.explore.world import KINDS, Setup
 
 BIDS: Final[dict[int, tuple[str, ...]]] = {
@@ -28,10 +28,8 @@ class Task:
     faults: int
     cycles: int | None = None
 
-    def run(self) -> Found | JoiningFound:
-        if isinstance(self.setup, Joining):
-            return all_runs(self.setup, self.faults)
-        return Search(self.setup, Limits(self.faults, self.cycles)).run()
+    def run(self) -> Found:
+        return explore(self.setup, Limits(self.faults, self.cycles))
 
 
 def tasks(
@@ -60,20 +58,14 @@ class Summary:
     tests: list[tuple[int, int, str, str]] = field(default_factory=list)
     """Counterexamples: what goes otherwise, cycles, the promise, and a test."""
 
-    def add(self, found: Found | JoiningFound) -> None:
+    def add(self, found: Found) -> None:
         self.setups += 1
-        if isinstance(found, JoiningFound):
-            self.states += found.runs
-            for how, joining in found.broken:
-                self.tests.append((joining.cost, 0, how, joining_as_test(how, joining)))
-        else:
-            self.states += found.states
-            self.steps += found.steps
-            self.closed = self.closed and found.closed
-            self.starved = max(self.starved, found.starved)
-            self.unsettled = max(self.unsettled, found.unsettled)
-            for broken in found.broken:
-                self.tests.append((*broken.size, broken.promise, as_test(broken)))
+        self.states += found.states
+        self.steps += found.steps
+        self.closed = self.closed and found.closed
+        self.starved = max(self.starved, found.starved)
+        self.unsettled = max(self.unsettled, found.unsettled)
+        self.tests += [(*each.size, each.promise, as_test(each)) for each in found.broken]
         self.tests.sort()
 
     def plain(self) -> dict[str, object]:

@@ -18,6 +18,7 @@ from typing import Any, Final, TypeVar, cast
 from armadico.core.coordination import Contender, Owner, Rival, Tenure, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.membership import Admission
 from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, Message
 from armadico.core.resources import Resource
 from armadico_tools.explore.picks import Picker
@@ -102,6 +103,7 @@ class Parts:
     contender: type[Contender] = Contender
     owner: type[Owner] = Owner
     clock: type[CycleClock] = CycleClock
+    admission: type[Admission] = Admission
 
 
 class Draws:
@@ -236,7 +238,6 @@ class World:
         self.active = False  # the resource was commanded, and has not been rested
         self.stopped_until = 0
         self.risen: Cycle | None = None  # the first cycle in which all bid more
-        self.cost = 0
         self._start_owner()
         # What was seen, to judge the promises by: nothing of it is used above.
         self.top: Ballot | None = None  # the largest obeyed in this epoch
@@ -246,7 +247,6 @@ class World:
         self.highest = 0  # term of all ballots ever cast
         self.obeyed_now = False  # in this cycle
         self._picker: Picker | None = None
-        self._queue: list[Flight] = []
 
     def twin(self) -> World:
         """A copy that goes its own way from here on."""
@@ -289,7 +289,6 @@ class World:
         what = picker.pick("event", self._events(), 1)
         if what == "nothing":
             return
-        self.cost += 1
         words = what.split()
         if words[0] == "stop":
             self.stopped_until = self.n + STOPPED
@@ -380,7 +379,7 @@ class World:
                 if self.n - side.hung_since > LEASE:
                     waiting = self._missed_tokens(side, waiting)
                 for late in waiting:
-                    self._queue_up(Flight(self.n * CYCLE, late.to, late.sender, late.message))
+                    self.flights.append(Flight(self.n * CYCLE, late.to, late.sender, late.message))
                 side.waiting = []
         if 0 < self.owner_down <= AWAY:
             self.owner_down += 1
@@ -404,7 +403,7 @@ class World:
     def _lose_token(self, side: Side) -> None:
         for other in self.sides:
             if other is not side and other.contender is not None and side.contender is not None:
-                self._queue_up(Flight(self.n * CYCLE, other.index, side.index, side.instance))
+                self.flights.append(Flight(self.n * CYCLE, other.index, side.index, side.instance))
 
     @staticmethod
     def _kept(waiting: list[Flight]) -> list[Flight]:
@@ -427,7 +426,7 @@ class World:
             for who, whose in ((one, other), (other, one)):
                 if who >= 0 and whose >= 0 and self.sides[whose].contender is not None:
                     token = self.sides[whose].instance
-                    self._queue_up(Flight(self.n * CYCLE, who, whose, token))
+                    self.flights.append(Flight(self.n * CYCLE, who, whose, token))
 
     def _begin_cycle(self, begins: int) -> None:
         owner = self.owner
@@ -504,17 +503,12 @@ class World:
         if "fates" in self.setup.kinds:
             fate = picker.pick(what, FATES, 1)
         at = (self.n * CYCLE if now is None else now) + LATENCY + later
-        if fate != "now":
-            self.cost += 1
         if fate in {"now", "twice"}:
-            self._queue_up(Flight(at, to, sender, message))
+            self.flights.append(Flight(at, to, sender, message))
         if fate in {"late 1", "twice"}:
-            self._queue_up(Flight(at + CYCLE, to, sender, message))
+            self.flights.append(Flight(at + CYCLE, to, sender, message))
         elif fate == "late 4":
-            self._queue_up(Flight(at + 4 * CYCLE, to, sender, message))
-
-    def _queue_up(self, flight: Flight) -> None:
-        self.flights.append(flight)
+            self.flights.append(Flight(at + 4 * CYCLE, to, sender, message))
 
     def _arrive(self, flight: Flight, now: int) -> None:
         message = flight.message

@@ -1,7 +1,8 @@
-"""Faults made on purpose, and a checker that knows the promises and nothing of the faults' makers.
+"""One fault bed: faults made on purpose, and a checker that knows the promises only.
 
-`observations` is what the checker looks at, `checker` what it promises to notice; both are used on
-the virtual mesh and on what was recorded of real processes. The rest makes faults on the virtual
-mesh: `plan` draws them from a seed, `injector` and `stranger` put them in, `workload` drives,
-`sightings` counts what happened, `shrink` finds the few that matter, `series` adds up.
+`plan` has faults as data, drawn from a seed. `injector` puts them into a society on the virtual
+mesh (with `stranger`, driven by `workload`), `live` into real processes (`trials` has what is
+measured there). `record` is what was observed on either, or on a recording; `checker` has the
+promises, `sightings` the situations that a campaign must show, `series` the sums, `shrink` makes a
+case small, and `campaign` is the command.
 """

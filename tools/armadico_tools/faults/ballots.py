@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from armadico.core.messages import Ack, Ballot, Claim
 from armadico.core.resources import WHEELS
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Obeyed, Observation, Said
-from armadico_tools.faults.world_state import FRESH_CYCLES, Bounds, Situation
+from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Obeyed, Observation, Record, Said
 
 ALIVE_S = 0.35
 """The robot agent obeys for so long after its newest cycle: 0.3 s, by a clock that may be slow."""
@@ -28,7 +27,7 @@ class OneDriver:
         self._obeyed: dict[int, Ballot] = {}  # the largest obeyed, by epoch
         self._largest: dict[int, Ballot] = {}
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:  # noqa: ARG002
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
         """The ack, and each command obeyed where that can be seen."""
         if isinstance(seen, Obeyed):
             yield from self._rises(self._obeyed, seen.cycle.epoch, seen.ballot, "obeyed")
@@ -57,7 +56,7 @@ class Fresh:
 
     promise = Promise.FRESH
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """By each command obeyed, else by the acks from one cycle to the next."""
         if isinstance(seen, Obeyed) and now.state is not None:
             age, silent = now.age(seen.cycle), seen.at - now.state_at
@@ -97,7 +96,7 @@ class OneHolder:
         self._overlap_s = bounds.overlap_s
         self._reported: set[frozenset[Ballot]] = set()
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each claim: for how long two tenures have gone on, the network being whole."""
         if not isinstance(seen, Said) or not isinstance(seen.message, Claim):
             return

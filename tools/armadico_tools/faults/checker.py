@@ -12,15 +12,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from msgspec.structs import replace
+
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
 from armadico_tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
-from armadico_tools.faults.observations import Observation
 from armadico_tools.faults.pose import Localized
+from armadico_tools.faults.record import Bounds, Observation, Record
 from armadico_tools.faults.recovery import Arrives, Moves, SomebodyObeyed
-from armadico_tools.faults.world_state import Bounds, Situation
+from armadico_tools.faults.sightings import Sightings
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +39,7 @@ class Watch(Protocol):
 
     promise: Promise
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """What is wrong, after this observation."""
 
 
@@ -49,7 +51,8 @@ class Checker:
 
     def __init__(self, bounds: Bounds | None = None) -> None:
         bounds = bounds or Bounds()
-        self.situation = Situation(bounds)
+        self.record = Record(bounds)
+        self.sights = Sightings()
         self.violations: list[Violation] = []
         self._moves = Moves(bounds)
         self._collision = Collision()
@@ -93,14 +96,17 @@ class Checker:
         return self._collision.moving_s
 
     def take(self, seen: Observation) -> list[Violation]:
-        """Look at one observation; what it breaks."""
-        self.situation.take(seen)
+        """Take one observation; the promises that it breaks."""
+        self.record.take(seen)
+        if seen.at != self.record.now:  # what comes late counts as coming now
+            seen = replace(seen, at=self.record.now)
         found = [
             Violation(watch.promise, seen.at, text)
             for watch in self._watches
-            for text in watch.look(seen, self.situation)
+            for text in watch.look(seen, self.record)
         ]
         self.violations += found
+        self.sights.take(seen, self.record)
         return found
 
     def take_all(self, seen: Iterable[Observation]) -> list[Violation]:

@@ -154,12 +154,6 @@ KINDS: Final = {
 }
 """Every kind by its name."""
 
-AWAITED: Final[frozenset[str]] = frozenset()
-"""Kinds that the core does not bear yet: made only if they are asked for by name."""
-
-DRAWN: Final = tuple(kind for kind in KINDS if kind not in AWAITED)
-"""The kinds that a seed draws from unless some are named."""
-
 RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
 """Kinds after which another process is there; `in-turn` shows each as a crash of its own."""
 

@@ -17,8 +17,15 @@ from armadico.observe.view import agent_of
 from armadico_tools.faults.ballots import brief
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
 from armadico_tools.faults.fault_types import STRANGE_UTILITY, Promise
-from armadico_tools.faults.observations import Faulted, Obeyed, Observation, Said
-from armadico_tools.faults.world_state import FRESH_CYCLES, Bounds, Situation
+from armadico_tools.faults.record import (
+    FRESH_CYCLES,
+    Bounds,
+    Faulted,
+    Obeyed,
+    Observation,
+    Record,
+    Said,
+)
 
 CLAIMS = 16
 LATELY_S = 0.35
@@ -88,7 +95,7 @@ class Exchanged:
         self._speeds: deque[Numbers] = deque(maxlen=FRESH_CYCLES + 2)
         self._near = inf  # the nearest thing that was published, m from the robot's edge at least
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the first claim of each tenure."""
         if isinstance(seen, Faulted) and seen.kind in STRANGE_CLAIMS:
             self._unseen.add(STRANGE_UTILITY)
@@ -174,7 +181,7 @@ class Replaced:
         self._hung = False  # who fell silent hangs
         self._quiet_at = 0.0  # when the last fault began or ended
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """From the fault on, until another is obeyed."""
         if isinstance(seen, Obeyed):
             holder = self._obeyed
@@ -196,7 +203,7 @@ class Replaced:
                 who, self._others = ", ".join(sorted(self._others)), frozenset()
                 yield f"{seen.at - self._since:.3f} s after its holder fell silent, though {who}"
 
-    def _begins(self, fault: Faulted, now: Situation) -> None:
+    def _begins(self, fault: Faulted, now: Record) -> None:
         last = self._obeyed
         if last is None or len(now.active) != 1 or fault.at - last.at > NOW_S:
             return
@@ -221,7 +228,7 @@ class Replaced:
         )
 
 
-def _least_window(winner: Claim, now: Situation, published: float) -> float:
+def _least_window(winner: Claim, now: Record, published: float) -> float:
     """The shortest window that a winner's hurry explains, cycles.
 
     By what there is, or by what it was told is there, m: an echo may be another sonar's.

@@ -1,11 +1,12 @@
-"""Puts the faults of a plan into a rehearsal, and takes them out again.
+"""Puts the faults of a plan into a society and takes them out: the interface, and the virtual one.
 
-Several may be on at once, so each begins and ends by making the mesh what it should be with all
-that are on: a link that two faults befall is mended when the last of them ends.
+Several may be on at once on the virtual mesh, so each begins and ends by making the mesh what it
+should be with all that are on: a link with two faults is whole again when the last of them ends.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -21,8 +22,8 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import AGAIN_S
-from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
+from armadico_tools.faults.record import Faulted
 from armadico_tools.faults.stranger import STRANGE, Stranger
 
 NONSENSE: Final = (
@@ -41,8 +42,38 @@ OLD_S: Final = 0.6
 """Commands and claims of so long before are under way when the robot agent is started again."""
 
 
-class Inflictor:
-    """Makes the faults of one run happen at their times."""
+class Injector(ABC):
+    """Begins and ends faults, and shows both to the record. A back end acts."""
+
+    def __init__(self, show: Callable[[Faulted], object]) -> None:
+        self._show = show
+        self._on: list[Fault] = []
+
+    @property
+    @abstractmethod
+    def now(self) -> float:
+        """The time of the society, s."""
+
+    @abstractmethod
+    def act(self, fault: Fault, *, begins: bool) -> None:
+        """Put a fault in, or take it out."""
+
+    def begin(self, fault: Fault, _: Any = None) -> None:
+        self._note(fault, began=True)
+        self._on.append(fault)
+        self.act(fault, begins=True)
+
+    def end(self, fault: Fault, _: Any = None) -> None:
+        self._on.remove(fault)
+        self.act(fault, begins=False)
+        self._note(fault, began=False)
+
+    def _note(self, fault: Fault, *, began: bool) -> None:
+        self._show(Faulted(self.now, fault.kind, fault.whom, began, fault.to, fault.amount))
+
+
+class VirtualInjector(Injector):
+    """Makes the faults of one virtual run happen at their times."""
 
     def __init__(
         self,
@@ -50,11 +81,10 @@ class Inflictor:
         show: Callable[[Faulted], object],
         variation: Variation,
     ) -> None:
+        super().__init__(show)
         self._rehearsal = rehearsal
         self._variation = variation
         self._mesh = rehearsal.mesh
-        self._show = show
-        self._on: list[Fault] = []
         self._down: Counter[str] = Counter()
         self._twins: Counter[str] = Counter()
         self._away: set[Fault] = set()  # of those that flap
@@ -67,8 +97,12 @@ class Inflictor:
     def schedule(self, faults: tuple[Fault, ...]) -> None:
         """Have them begin and end."""
         for fault in faults:
-            self._mesh.call_at(fault.at, self._begin, fault)
-            self._mesh.call_at(fault.until, self._end, fault)
+            self._mesh.call_at(fault.at, self.begin, fault)
+            self._mesh.call_at(fault.until, self.end, fault)
+
+    @property
+    def now(self) -> float:
+        return self._mesh.now
 
     def alive(self, name: str) -> list[Node]:
         """The processes of an agent that are alive, the oldest first."""
@@ -84,21 +118,11 @@ class Inflictor:
         if not self.alive(name):
             self._settle(name)
 
-    # Beginning and ending ------------------------------------------------------------------------
-
-    def _begin(self, fault: Fault, _: Any) -> None:
-        self._show(_faulted(self._mesh.now, fault, began=True))
-        self._on.append(fault)
-        self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
-        self._act(fault, begins=True)
-
-    def _end(self, fault: Fault, _: Any) -> None:
-        self._on.remove(fault)
-        self._act(fault, begins=False)
-        self._show(_faulted(self._mesh.now, fault, began=False))
-
-    def _act(self, fault: Fault, *, begins: bool) -> None:
+    def act(self, fault: Fault, *, begins: bool) -> None:
+        """Make the mesh what it should be, now that a fault begins or has ended."""
         kind = fault.kind
+        if begins:
+            self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
         if kind in NETWORK:
             self._mend_links()
         elif kind.startswith("serial"):
@@ -161,32 +185,32 @@ class Inflictor:
 
     def _crash(self, fault: Fault, begins: bool) -> None:
         for name in fault.whom:
-            self._down[name] += 1 if begins else -1
-            self._settle(name)
+            self._come_or_go(name, 1 if begins else -1)
 
     _interface_restart = _crash
 
     def _in_turn(self, fault: Fault, begins: bool) -> None:
-        """One goes and comes, and then the next goes: it may be all that those knew who went."""
-        each = fault.lasts / (2 * len(fault.whom) - 1)
-        if begins:
-            now = self._mesh.now
-            self._go(fault.whom[0])
-            for place, name in enumerate(fault.whom):
-                if place:
-                    self._mesh.call_at(now + 2 * place * each, partial(self._go, name))
-                if name != fault.whom[-1]:
-                    self._mesh.call_at(now + (2 * place + 1) * each, partial(self._come, name))
-        else:
-            self._come(fault.whom[-1])
+        """One goes and comes, then the next: each may be all that the others knew of the pose."""
+        *rest, last = fault.whom
+        if not begins:
+            self._restart(last, -1)
+            return
+        now, each = self._mesh.now, fault.lasts / (2 * len(fault.whom) - 1)
+        for place, name in enumerate(fault.whom):
+            if place:
+                self._mesh.call_at(now + 2 * place * each, partial(self._restart, name, 1))
+            else:
+                self._restart(name, 1)
+            if name in rest:
+                self._mesh.call_at(now + (2 * place + 1) * each, partial(self._restart, name, -1))
 
-    def _go(self, name: str, _a: Any = None, _b: Any = None) -> None:
-        self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
-        self._come_or_go(name, 1)
-
-    def _come(self, name: str, _a: Any = None, _b: Any = None) -> None:
-        self._come_or_go(name, -1)
-        self._show(Faulted(self._mesh.now, "crash", (name,), began=False))
+    def _restart(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
+        """An agent goes (1) or comes (-1), which is shown as a crash."""
+        if change > 0:
+            self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
+        self._come_or_go(name, change)
+        if change < 0:
+            self._show(Faulted(self._mesh.now, "crash", (name,), began=False))
 
     def _come_or_go(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
         self._down[name] += change
@@ -238,8 +262,7 @@ class Inflictor:
             self._flip(fault, None)
         elif fault in self._away:
             self._away.remove(fault)
-            self._down[fault.whom[0]] -= 1
-            self._settle(fault.whom[0])
+            self._come_or_go(fault.whom[0], -1)
 
     def _flip(self, fault: Fault, _: Any) -> None:
         """Come if it is away, and go if it is there."""
@@ -248,8 +271,7 @@ class Inflictor:
         (name,) = fault.whom
         away = fault in self._away
         (self._away.remove if away else self._away.add)(fault)
-        self._down[name] += -1 if away else 1
-        self._settle(name)
+        self._come_or_go(name, -1 if away else 1)
         self._mesh.call_at(self._mesh.now + fault.amount, self._flip, fault)
 
     def _lone_restart(self, fault: Fault, begins: bool) -> None:
@@ -257,8 +279,7 @@ class Inflictor:
         (lone,) = fault.whom
         for name in BEHAVIOURS:
             if name != lone:
-                self._down[name] += 1 if begins else -1
-                self._settle(name)
+                self._come_or_go(name, 1 if begins else -1)
         if begins:
             away = min(LONE_AWAY_S, fault.lasts / 3)
             at = self._mesh.now + fault.lasts / 3
@@ -267,8 +288,7 @@ class Inflictor:
 
     def _robot_restart(self, fault: Fault, begins: bool) -> None:
         """Commands and claims of before arrive at the new robot agent, one after another."""
-        self._down["robot"] += 1 if begins else -1
-        self._settle("robot")
+        self._come_or_go("robot", 1 if begins else -1)
         if begins:
             old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
             for index, item in enumerate(old):
@@ -292,10 +312,6 @@ class Inflictor:
         self._rehearsal.robot.controller.break_sonars(how)
 
     _frozen_sonar = _silent_sonar
-
-
-def _faulted(at: float, fault: Fault, *, began: bool) -> Faulted:
-    return Faulted(at, fault.kind, fault.whom, began, fault.to, fault.amount)
 
 
 def _worse(faults: LinkFaults, fault: Fault) -> LinkFaults:

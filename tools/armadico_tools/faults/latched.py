@@ -8,8 +8,7 @@ from math import inf
 from armadico.core.messages import RobotState, Stop
 from armadico.mobile.messages import Truth
 from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
-from armadico_tools.faults.observations import Observation, Ordered, Said
-from armadico_tools.faults.world_state import Bounds, Situation
+from armadico_tools.faults.record import Bounds, Observation, Ordered, Record, Said
 
 KNOWN_S = 1.0
 """A robot agent that starts again receives the stop within this, in a whole network, s."""
@@ -40,7 +39,7 @@ class Stopped:
         self._over: set[int] = set()  # presses that were released
         self._again_at: float | None = None  # since when one of those stops it
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At what is ordered, measured and published from the stop on."""
         if isinstance(seen, Said):
             message = seen.message
@@ -55,7 +54,7 @@ class Stopped:
             if (seen.v or seen.w) and not released:
                 yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered while it is stopped"
 
-    def _receive(self, stop: Stop, at: float, now: Situation) -> None:
+    def _receive(self, stop: Stop, at: float, now: Record) -> None:
         if not stop.stopped:
             self._release = max(self._release, stop.counter)
             if stop.counter > self._stops.get(stop.press, -1):
@@ -66,7 +65,7 @@ class Stopped:
         if stop.press not in self._over and self._counter is None and not _away(now):
             self._sent_at = min(self._sent_at, at)
 
-    def _acknowledged(self, stop: Stop, at: float, now: Situation) -> Iterator[str]:
+    def _acknowledged(self, stop: Stop, at: float, now: Record) -> Iterator[str]:
         if stop.stopped and stop.press not in self._over:
             self._stops[stop.press] = max(stop.counter, self._stops.get(stop.press, 0))
         if not (stop.stopped and stop.press in self._over) or now.whole_for() < 0.0:
@@ -97,7 +96,7 @@ class Stopped:
             self._counter, self._lost_at = None, None
             yield f"the stop is forgotten for {KNOWN_S:.0f} s, and was not released"
 
-    def _rests(self, truth: Truth, at: float, now: Situation) -> Iterator[str]:
+    def _rests(self, truth: Truth, at: float, now: Record) -> Iterator[str]:
         if _away(now):
             self._rest_due = max(
                 self._rest_due, at + self._bounds.braking_s + self._bounds.watchdog_s
@@ -109,7 +108,7 @@ class Stopped:
             yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s long after it was stopped"
 
 
-def _away(now: Situation) -> bool:
+def _away(now: Record) -> bool:
     """Whether the robot agent, or the line to its controller, is not there to stop anything."""
     if now.befalls("robot", *RESTARTS, "hang", "slow", "clock-step", "clock-drift"):
         return True

@@ -7,17 +7,21 @@ from collections.abc import Iterator
 from math import atan2, hypot, inf, pi
 
 from armadico.core.messages import Command, Cycle, RobotState
+from armadico.core.resources import WHEELS
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import Truth
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Observation, Ordered, Said
-from armadico_tools.faults.world_state import (
+from armadico_tools.faults.record import (
     FRESH_CYCLES,
     MOVING_M_S,
     MOVING_RAD_S,
     Bounds,
-    Situation,
+    Faulted,
+    Observation,
+    Ordered,
+    Record,
+    Said,
     age,
 )
 
@@ -44,10 +48,10 @@ class Silence:
 
     Each command that is obeyed is written to the controller; so once it was ordered to move, either
     the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
-    not long past: a robot agent that goes on by itself has not stopped. A busy onlooker may see the
-    order before the command that it obeys, so that has `heard_s` to come. The reflex slows what is
-    obeyed, for as long as it is: that is no other order. After the braking time the wheels rest: an
-    order that the line lost is given again.
+    not long past: a robot agent that goes on by itself has not stopped. A busy observer may see the
+    order before the command that it obeys, so that has `heard_s` to come; while real links are cut
+    it may never come. The reflex slows what is obeyed, for as long as it is: that is no other
+    order. After the braking time the wheels rest: an order that the line lost is given again.
     """
 
     promise = Promise.SILENCE
@@ -62,10 +66,14 @@ class Silence:
         self._unheard: list[tuple[Ordered, Cycle | None]] = []  # and the newest cycle then
         self._obeyed: tuple[Command, Cycle | None] | None = None  # the last that was, likewise
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each order, and as time passes."""
         if isinstance(seen, Said) and isinstance(seen.message, Command):
             self._hear(seen.message)
+        elif isinstance(seen, Faulted) and now.deaf:
+            self._unheard.clear()  # the cut may have taken what was just under way
+        elif isinstance(seen, Ordered) and now.deaf and now.ack is not None and now.ack.obeyed:
+            self._hear(Command(WHEELS.name, now.ack.cycle, now.ack.obeyed, (seen.v, seen.w)))
         last = self._order
         if now.void(self.promise):
             self._order = None
@@ -84,7 +92,7 @@ class Silence:
             order, _ = self._unheard.pop(0)
             yield f"{order.v:.3f} m/s, {order.w:.3f} rad/s are ordered, and not commanded"
 
-    def _rests(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def _rests(self, seen: Observation, now: Record) -> Iterator[str]:
         """Whether the wheels rest in time, the line to them being whole."""
         if now.void(Promise.COLLISION) or now.void(self.promise):
             self._rest_at = self._rest_at and seen.at
@@ -99,7 +107,7 @@ class Silence:
         self._commands.append(command)
         self._unheard = [each for each in self._unheard if not _asks_for(command, *each)]
 
-    def _look_for_command(self, order: Ordered, now: Situation) -> None:
+    def _look_for_command(self, order: Ordered, now: Record) -> None:
         newest = None if now.state is None else now.state.cycle
         asking = (each for each in reversed(self._commands) if _asks_for(each, order, newest))
         command = next(asking, None)
@@ -138,7 +146,7 @@ class Watchdog:
         self._due_s = bounds.watchdog_s + bounds.braking_s
         self._since: float | None = None
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the true speed, once it is time."""
         gone = now.befalls("robot", "crash", "hang")
         if not gone:
@@ -162,7 +170,7 @@ class Smooth:
         self._truth: tuple[float, Truth] | None = None
         self._touched_at = -inf
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         if isinstance(seen, Said) and isinstance(seen.message, Truth):
             if not now.void(self.promise):
                 yield from self._ramps(seen.at, seen.message)
@@ -198,7 +206,7 @@ class Collision:
         self.moving_s: dict[str, float] = {}
         self._truth: Truth | None = None
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the simulator's count of contacts."""
         if not isinstance(seen, Said) or not isinstance(seen.message, Truth):
             return
@@ -226,7 +234,7 @@ class Heading:
 
     promise = Promise.ODOMETRY
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """From one `robot/state` to the next of its epoch."""
         if not isinstance(seen, Said) or not isinstance(seen.message, RobotState):
             return

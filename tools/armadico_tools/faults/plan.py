@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
 from armadico.mesh.virtual import LEASE
-from armadico_tools.faults.fault_types import DRAWN, KINDS
+from armadico_tools.faults.fault_types import KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
 DRIVERS: Final = (*BEHAVIOURS, "relocate")
@@ -138,6 +138,32 @@ class Case(Struct, frozen=True, omit_defaults=True):
         return msgspec.json.encode(self).decode()
 
 
+class Outcome(Struct, frozen=True):
+    """The result of one case, or of one trial on real processes.
+
+    `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
+    time from healing to moving again, `missions` how many goals were reached and `again` how often
+    a forgotten mission was requested again. `contacts` and `moving_s` (s) are by what voided
+    COLLISION then, the empty string if nothing did; `sights` counts situations, and `unsaid_s` is
+    the longest time that the robot moved with a pose that was wrong by more than it says. `kind` is
+    that of a trial, and `figures` are what it measured.
+    """
+
+    case: Case
+    faults: dict[str, int]
+    violations: tuple[tuple[str, float, str], ...]
+    longest_s: float | None = None
+    missions: int = 0
+    driven_m: float = 0.0
+    again: int = 0
+    contacts: dict[str, int] = {}
+    moving_s: dict[str, float] = {}
+    sights: dict[str, int] = {}
+    unsaid_s: float = 0.0
+    kind: str = ""
+    figures: dict[str, float] = {}
+
+
 def loads(text: str | bytes) -> Case:
     """A case from its JSON. Raises ConfigError with what is wrong."""
     try:
@@ -165,8 +191,8 @@ class Swarm(Struct, frozen=True):
 
 def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
     """Draw one; of the kinds that are given all take part, else some of those that are drawn."""
-    taking = tuple(kinds) or tuple(kind for kind in DRAWN if rng.random() < SWARM)
-    taking = taking or (rng.choice(DRAWN),)
+    taking = tuple(kinds) or tuple(kind for kind in KINDS if rng.random() < SWARM)
+    taking = taking or (rng.choice([*KINDS]),)
     weights = tuple(KINDS[kind].weight * rng.choice((1.0, 1.0, 3.0)) for kind in taking)
     lengths = tuple(rng.choice((0.2, 1.0, 1.0)) for _ in LENGTHS)
     return Swarm(taking, weights, lengths, rng.choice(PACES), rng.choice(TOGETHER))

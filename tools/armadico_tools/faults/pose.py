@@ -13,13 +13,15 @@ from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Truth
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Astray, Observation, Said
-from armadico_tools.faults.world_state import (
+from armadico_tools.faults.record import (
     MOVING_M_S,
     MOVING_RAD_S,
     POSES,
+    Astray,
     Bounds,
-    Situation,
+    Observation,
+    Record,
+    Said,
     may_be_off,
 )
 
@@ -76,7 +78,7 @@ class Localized:
         self._epochs: set[int] = set()
         self._lost = False  # whoever has followed another robot has lost this one's origin
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each pose, by what has rolled until then."""
         if _cause(now):
             self._cause_at = seen.at
@@ -113,7 +115,7 @@ class Localized:
             self._off_m += self._v * dt
             self._off_rad += self._w * dt
 
-    def _state(self, state: RobotState, now: Situation) -> None:
+    def _state(self, state: RobotState, now: Record) -> None:
         new = state.cycle.epoch not in self._epochs
         self._epochs.add(state.cycle.epoch)
         before = now.state_at - now.state_gap_s
@@ -123,7 +125,7 @@ class Localized:
         if len(self._rolled_at) > POSES:
             del self._rolled_at[next(iter(self._rolled_at))]
 
-    def _compare(self, pose: Pose, at: float, now: Situation) -> Iterator[str]:
+    def _compare(self, pose: Pose, at: float, now: Record) -> Iterator[str]:
         gap, cycle = self._gap, pose.cycle
         rolled = self._rolled_at.get(cycle, self._rolled)
         if gap is not None and cycle.epoch == gap.epoch and cycle.number >= gap.number:
@@ -169,6 +171,6 @@ def _clearance(truth: Truth) -> float:
     return inf if truth.clearance is None else truth.clearance
 
 
-def _cause(now: Situation) -> bool:
+def _cause(now: Record) -> bool:
     """Whether a fault may keep what rolls from being counted; the controller counts by itself."""
     return any(fault.kind.startswith("serial") for fault in now.active)

@@ -9,8 +9,7 @@ from armadico.core.messages import RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Observation, Said
-from armadico_tools.faults.world_state import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
+from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Observation, Record, Said
 
 STANDS_BACK_S = 4.0
 """The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
@@ -38,7 +37,7 @@ class SomebodyObeyed:
         self._since = inf
         self._bid_at = -inf
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """As time passes: since when one has bid, and none was obeyed."""
         if now.bidders():
             self._bid_at = seen.at
@@ -74,7 +73,7 @@ class Moves:
         self._from: RobotState | None = None  # the last state before
         self.longest: float | None = None
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """As time passes, from the end of the last of what excused it."""
         if now.free_since == inf:
             self._healed = None
@@ -98,7 +97,7 @@ class Moves:
             if why is None:
                 yield f"it stands {waited:.2f} s after healing: {self._bidding(now)}"
 
-    def _moves(self, now: Situation) -> bool:
+    def _moves(self, now: Record) -> bool:
         """Whether it moves, if only at a crawl, as it does before it turns on its goal."""
         assert self._healed is not None, "it is waited for"
         if now.moved_at >= self._healed:
@@ -109,7 +108,7 @@ class Moves:
         turned = abs(wrap(state.theta - then.theta))
         return hypot(state.x - then.x, state.y - then.y) > CRAWL_M or turned > CRAWL_RAD
 
-    def _allowed(self, now: Situation) -> float:
+    def _allowed(self, now: Record) -> float:
         assert self._healed is not None, "it is waited for"
         stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
         stood_back = stood_back or now.mad_in_vain(self._bounds.unobeyed_s)
@@ -119,7 +118,7 @@ class Moves:
         return allowed + FRICTION_S if driven and now.driven() else allowed
 
     @staticmethod
-    def _why_it_need_not(now: Situation) -> str | None:
+    def _why_it_need_not(now: Record) -> str | None:
         if not now.driving or now.stopped():
             return "no mission, or stopped"
         if not now.bidders():
@@ -138,7 +137,7 @@ class Moves:
         return None
 
     @staticmethod
-    def _bidding(now: Situation) -> str:
+    def _bidding(now: Record) -> str:
         if not now.bids:
             return "bids are not seen"
         return "; ".join(
@@ -163,7 +162,7 @@ class Arrives:
         self._spoilt = False  # whether something has befallen the mission that goes on
         self._none_at: float | None = None  # since when it is not known
 
-    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+    def look(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each status of the mission, and as time passes."""
         if self._excused(now):
             self._spoilt, self._due = True, seen.at + self._bounds.arrives_s
@@ -173,7 +172,7 @@ class Arrives:
             self._due = inf
             yield f"the mission is not reached, though {_quiet(now, seen.at)}"
 
-    def _status(self, status: MissionStatus, at: float, now: Situation) -> Iterator[str]:
+    def _status(self, status: MissionStatus, at: float, now: Record) -> Iterator[str]:
         if status.state is MissionState.DRIVING:
             if status.mission != self._mission:
                 self._spoilt = self._excused(now)
@@ -188,7 +187,7 @@ class Arrives:
             self._mission = None
 
     @staticmethod
-    def _excused(now: Situation) -> bool:
+    def _excused(now: Record) -> bool:
         return now.disturbed() or now.stopped() or now.unsure_for() < TURN_S
 
     def _due_for(self, way: float, at: float) -> float:
@@ -198,12 +197,12 @@ class Arrives:
         return at + bounds.start_s + way / bounds.way_m_s
 
 
-def _quiet(now: Situation, at: float) -> str:
+def _quiet(now: Record, at: float) -> str:
     ended = now.ended_at
     return "no fault was ever on" if ended == -inf else f"no fault was on for {at - ended:.0f} s"
 
 
-def _says_why(now: Situation) -> bool:
+def _says_why(now: Record) -> bool:
     """Whether who is obeyed gives a reason, as far as its bids can be seen."""
     assert now.obeyed is not None, "a command is obeyed"
     _, record = now.bids.get(now.obeyed.instance, (0.0, None))

@@ -1,7 +1,8 @@
 """A tap on the line between the robot agent and its controller: what crosses it, and when.
 
-The controller's end stays open when the agent's goes: as on a serial line, the controller
-does not learn that its client died, and its watchdog has to notice.
+`Orders` reads the ordered speeds from the bytes that the robot agent writes, sans-IO. The tap keeps
+the controller's end open when the agent goes: as on a serial line, the controller does not learn
+that its client died, and its watchdog has to notice.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Final
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES
+from armadico_tools.faults.record import Ordered
 
 POLL_S: Final = 0.1
 CHUNK: Final = 4096
@@ -29,6 +31,34 @@ class Status:
 
 
 Packet = Command | Status
+
+
+STOPS: Final = frozenset({Cmd.STOP, Cmd.E_STOP, Cmd.CLOSE})
+
+
+class Orders:
+    """The speeds that a robot agent orders, from the bytes that it writes."""
+
+    def __init__(self) -> None:
+        self._decoder = Decoder()
+        self._v = self._w = 0.0
+
+    def feed(self, data: bytes, at: float) -> list[Ordered]:
+        """Take bytes at a time, s; returns the speeds that apply after them, if any are in them.
+
+        Of bytes written at once only the last speeds count, as for the controller.
+        """
+        spoke = False
+        for payload in self._decoder.feed(data, at):
+            command = decode_command(payload)
+            if command.number == Cmd.VEL:
+                self._v, spoke = command.si, True
+            elif command.number == Cmd.RVEL:
+                self._w, spoke = command.si, True
+            elif command.number in STOPS or (command.number == Cmd.ENABLE and not command.value):
+                self._v = self._w = 0.0
+                spoke = True
+        return [Ordered(at, self._v, self._w)] if spoke else []
 
 
 class Tap:

@@ -1,23 +1,28 @@
-"""Many seeds: what they add up to, and where they are counted over time."""
+"""Many seeds, or many trials: what they add up to, and the file that counts them over time."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from statistics import median
+from typing import TYPE_CHECKING, Final
 
-from msgspec import Struct
+from msgspec import Struct, json
 
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.plan import Case
+from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.shrink import Shrinker
-from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
-from armadico_tools.faults.workload import Outcome, case_of, run, when_broken
+from armadico_tools.faults.sightings import Sight
+from armadico_tools.faults.workload import case_of, run, when_broken
 from armadico_tools.results import Rows
 
+if TYPE_CHECKING:
+    from armadico_tools.faults.trials import Trial
+
 SEEDS: Final = "seeds.csv"
+TRIALS: Final = "trials.csv"
 
 CAMPAIGN: Final = 1000
 CAMPAIGN_S: Final = 60.0
@@ -56,6 +61,8 @@ class Summary:
     sights: Counter[str] = field(default_factory=Counter)
     again: int = 0  # missions that were forgotten, and asked for again
     narrowed: bool = False  # whether only some kinds were made
+    figures: dict[str, list[dict[str, float]]] = field(default_factory=dict)  # by kind of trial
+    failed: dict[str, list[str]] = field(default_factory=dict)  # trials that could not be made
 
     def add(self, outcome: Outcome) -> None:
         self.seeds += 1
@@ -71,6 +78,8 @@ class Summary:
             self.moving_s[why] = self.moving_s.get(why, 0.0) + seconds
         self.sights.update(outcome.sights)
         self.again += outcome.again
+        if outcome.figures:
+            self.figures.setdefault(outcome.kind, []).append(outcome.figures)
         if outcome.violations:
             self.broken.append(outcome)
 
@@ -108,33 +117,58 @@ class Summary:
         }
 
 
+class Line(Struct, frozen=True):
+    """One figure of one kind of trial, over a series; times are ms."""
+
+    kind: str
+    figure: str
+    counts: str
+    trials: int
+    median: float
+    worst: float
+    aim_median: float | None
+    aim_worst: float | None
+
+    @property
+    def kept(self) -> bool:
+        """Whether the aim was reached."""
+        within = self.aim_worst is None or self.worst <= self.aim_worst
+        return within and (self.aim_median is None or self.median <= self.aim_median)
+
+
+def lines(summary: Summary, trials: Iterable[Trial]) -> list[Line]:
+    """A line for each figure that was measured."""
+    found = []
+    for trial in trials:
+        rows = summary.figures.get(trial.name, [])
+        for f in trial.figures:
+            values = [row[f.name] for row in rows if f.name in row]
+            if values:
+                numbers = len(values), round(median(values), 1), max(values)
+                found.append(Line(trial.name, f.name, f.text, *numbers, f.median, f.worst))
+    return found
+
+
 class Ran(Struct, frozen=True):
-    """A seed that has been run, as it is kept; `violations` counts them by promise."""
+    """A seed or a trial that has been run, as it is kept; `violations` counts them by promise."""
 
     commit: str
     seed: int
     scenario: str
     seconds: float
-    kinds: str = ""  # that it was to make; none: all
+    kinds: str = ""  # of faults, if only some were made; of a trial
     faults: int = 0
     violations: str = ""
-    longest_s: float | None = None
-    missions: int = 0
-    driven_m: float = 0.0
     what: str = ""  # the first violation
-    contacts: int = 0
-    void_contacts: int = 0
-    moving_s: float = 0.0
-    void_s: float = 0.0
-    again: int = 0
+    figures: str = ""  # what was counted or measured, as JSON
 
 
 class Ledger:
-    """The file in which seeds are counted, with the commit that they ran on."""
+    """The file in which seeds or trials are counted, with the commit that they ran on."""
 
-    def __init__(self, folder: Path, commit: str) -> None:
+    def __init__(self, folder: Path, commit: str, name: str = SEEDS) -> None:
         """Make the folder if need be. Raises OSError."""
-        self._rows = Rows(folder / SEEDS, Ran)
+        self._rows = Rows(folder / name, Ran)
         self.path = self._rows.path
         self._commit = commit
 
@@ -147,27 +181,21 @@ class Ledger:
         mine = self._mine()
         return len({ran.seed for ran in mine}), sum(bool(ran.violations) for ran in mine)
 
-    def add(self, task: Task, outcome: Outcome) -> None:
-        case, longest = outcome.case, outcome.longest_s
+    def add(self, outcome: Outcome, kinds: Sequence[str] = ()) -> None:
+        case = outcome.case
         broken = Counter(promise for promise, _, _ in outcome.violations)
+        counted = outcome.figures or {
+            name: getattr(outcome, name)
+            for name in ("longest_s", "missions", "driven_m", "contacts", "moving_s", "again")
+        }
         self._rows.add(
             Ran(
-                self._commit,
-                task.seed,
-                case.scenario,
-                case.lasts,
-                " ".join(task.kinds),
-                len(case.faults),
-                " ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
-                None if longest is None else round(longest, 3),
-                outcome.missions,
-                outcome.driven_m,
-                outcome.violations[0][2] if outcome.violations else "",
-                outcome.contacts.get("", 0),
-                sum(count for why, count in outcome.contacts.items() if why),
-                round(sum(outcome.moving_s.values()), 1),
-                round(sum(s for why, s in outcome.moving_s.items() if why), 1),
-                outcome.again,
+                *(self._commit, case.seed, case.scenario, case.lasts),
+                kinds=outcome.kind or " ".join(kinds),
+                faults=sum(outcome.faults.values()),
+                violations=" ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
+                what=outcome.violations[0][2] if outcome.violations else "",
+                figures=json.encode(counted).decode(),
             )
         )
 
@@ -191,4 +219,4 @@ def missing(summary: Summary) -> list[Sight]:
     """What should have happened sometimes in so many seeds, and never did."""
     if summary.seeds < CAMPAIGN or summary.seconds < CAMPAIGN * CAMPAIGN_S or summary.narrowed:
         return []
-    return [s for s in Sight if not summary.sights[s.name] and s not in AWAITED_SIGHTS]
+    return [sight for sight in Sight if not summary.sights[sight.name]]

@@ -7,13 +7,12 @@ the "sometimes" assertions of FoundationDB's and Antithesis's simulations.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
 
 from armadico.core.messages import Ballot, Claim, RobotState
 from armadico.mobile.messages import MissionState, MissionStatus, Truth
-from armadico_tools.faults.observations import (
+from armadico_tools.faults.record import (
     Bids,
     Denied,
     Faulted,
@@ -22,10 +21,10 @@ from armadico_tools.faults.observations import (
     Obeyed,
     Observation,
     Ordered,
+    Record,
     Refused,
     Said,
 )
-from armadico_tools.faults.world_state import Situation
 
 SILENT_S: Final = 0.2
 """A holder last received longer ago than this, s, is silent: two of its claims are missing."""
@@ -65,19 +64,6 @@ class Sight(StrEnum):
     SECOND_REFUSED = "admission refuses a second instance"
 
 
-AWAITED_SIGHTS: Final[frozenset[Sight]] = frozenset()
-"""What cannot come to pass yet."""
-
-VERDICTS: Final[Mapping[str, Sight]] = {
-    "STALE_BALLOT": Sight.STALE_BALLOT,
-    "OLD_CYCLE": Sight.OLD_CYCLE,
-    "OUT_OF_RANGE": Sight.OUT_OF_RANGE,
-    "LISTENING": Sight.LISTENING,
-    "STOPPED": Sight.WHILE_STOPPED,
-}
-"""What the owner's verdicts show, by their names."""
-
-
 class Sightings:
     """Counts them, in one run."""
 
@@ -95,14 +81,14 @@ class Sightings:
         self._touches = 0
         self._befallen = False  # whether a fault has befallen the mission that goes on
 
-    def take(self, seen: Observation, now: Situation) -> None:
+    def take(self, seen: Observation, now: Record) -> None:
         """Look at one observation, after the situation has taken it in."""
         if isinstance(seen, Said):
             self._receive(seen, now)
         elif isinstance(seen, Refused):
-            sight = VERDICTS.get(seen.why)
-            if sight is not None:
-                self.counts[sight] += 1
+            why = "WHILE_STOPPED" if seen.why == "STOPPED" else seen.why
+            if why in Sight.__members__:
+                self.counts[Sight[why]] += 1
         elif isinstance(seen, Obeyed):
             if self._epoch is not None and seen.cycle.epoch != self._epoch:
                 self.counts[Sight.RESTARTED] += 1
@@ -121,7 +107,7 @@ class Sightings:
         elif isinstance(seen, Bids):
             self.counts[Sight.STALE_INPUT] += seen.record.reason.startswith("no fresh")
 
-    def _receive(self, seen: Said, now: Situation) -> None:
+    def _receive(self, seen: Said, now: Record) -> None:
         message = seen.message
         if isinstance(message, Claim):
             self._claim(message, seen.at, now)
@@ -142,7 +128,7 @@ class Sightings:
         self.counts[Sight.LOST] += lost and not self._lost
         self._lost = lost or (self._lost and now.now - now.astray_at < 1.0)
 
-    def _claim(self, claim: Claim, at: float, now: Situation) -> None:
+    def _claim(self, claim: Claim, at: float, now: Record) -> None:
         if self._largest is None or claim.ballot > self._largest:
             self._largest = claim.ballot
             self._takes_over(claim, at)
@@ -176,7 +162,7 @@ class Sightings:
         self.counts[Sight.SILENT_STOP] += not moves and not self._resting and silent
         self._resting = not moves
 
-    def _truth(self, truth: Truth, at: float, now: Situation) -> None:
+    def _truth(self, truth: Truth, at: float, now: Record) -> None:
         rests, away = now.rested_at == at, now.befalls("robot", "crash", "hang")
         self.counts[Sight.WATCHDOG] += self._rolling and rests and away
         self._rolling = away and not rests

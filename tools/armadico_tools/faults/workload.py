@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import hypot
 from random import Random
 from typing import Any, Final
 
-from msgspec import Struct, structs
+from msgspec import structs
 
 from armadico.bridge.robot import Robot
 from armadico.config.scenarios import load_scenario, society
-from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
@@ -38,8 +37,9 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.injector import Inflictor
-from armadico_tools.faults.observations import (
+from armadico_tools.faults.injector import VirtualInjector
+from armadico_tools.faults.plan import Case, Outcome, draw, vary
+from armadico_tools.faults.record import (
     Astray,
     Bids,
     Denied,
@@ -50,13 +50,12 @@ from armadico_tools.faults.observations import (
     Passed,
     Refused,
     Said,
+    bounds_of,
     of_the_wheels,
 )
-from armadico_tools.faults.plan import Case, draw, vary
 from armadico_tools.faults.recovery import FORGOTTEN_S
-from armadico_tools.faults.sightings import Sight, Sightings
-from armadico_tools.faults.wheel_commands import Orders
-from armadico_tools.faults.world_state import bounds_of
+from armadico_tools.faults.serial_tap import Orders
+from armadico_tools.faults.sightings import Sight
 
 SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
 
@@ -71,29 +70,6 @@ BOOTED_S: Final = 1e5
 """Clocks of the processes begin anywhere within this."""
 
 SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose, Obstacles)
-
-
-class Outcome(Struct, frozen=True):
-    """What came of one case.
-
-    `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
-    time from healing to moving again, `missions` how many goals were reached and `again` how often
-    a mission was asked for again that had been forgotten. `contacts` and `moving_s` (s) are by what
-    voided COLLISION then, nothing by the empty word; `sights` counts what was seen to happen, and
-    `unsaid_s` is the longest that it moved with a pose that was wrong by more than it says.
-    """
-
-    case: Case
-    faults: dict[str, int]
-    violations: tuple[tuple[str, float, str], ...]
-    longest_s: float | None
-    missions: int
-    driven_m: float
-    again: int = 0
-    contacts: dict[str, int] = {}
-    moving_s: dict[str, float] = {}
-    sights: dict[str, int] = {}
-    unsaid_s: float = 0.0
 
 
 def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
@@ -133,7 +109,7 @@ class Workload:
         self.mesh.joined = self._joined
         for node in self.mesh.nodes:
             self._joined(node)
-        self._inflictor = Inflictor(self.rehearsal, self.show, case.variation)
+        self._injector = VirtualInjector(self.rehearsal, self.show, case.variation)
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._asked = False
@@ -144,14 +120,13 @@ class Workload:
         self._driven = 0.0
         self._looked: dict[str, int] = {}
         self._elsewhere: set[int] = set()  # epochs of robot agents with controllers of their own
-        self.sightings = Sightings()
         self.missions = self.again = 0
         self.error: tuple[float, str] | None = None
         self._broken: set[Promise] = set()
 
     def run(self, until: Promise | None = None) -> Outcome:
         """Drive to the end of the case, or until a promise is broken."""
-        self._inflictor.schedule(self.case.faults)
+        self._injector.schedule(self.case.faults)
         self.mesh.call_at(1.0, self._look)
         try:
             self.mesh.run(self.case.lasts, None if until is None else lambda: until in self._broken)
@@ -178,16 +153,15 @@ class Workload:
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
             unsaid_s=round(self.checker.unsaid_s, 2),
-            sights={sight.name: self.sightings.counts[sight] for sight in Sight},
+            sights={sight.name: self.checker.sights.counts[sight] for sight in Sight},
         )
 
     # What the checker is shown -------------------------------------------------------------------
 
     def show(self, seen: Observation) -> list[Violation]:
-        """Show the checker, and whoever counts what happens, one thing."""
+        """Show the checker one observation."""
         found = self.checker.take(seen)
         self._broken.update(violation.promise for violation in found)
-        self.sightings.take(seen, self.checker.situation)
         return found
 
     def _said(self, _key: str, message: Message, now: float) -> None:
@@ -232,19 +206,33 @@ class Workload:
 
     def _refused(self, node: Node) -> None:
         self.show(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
-        self._inflictor.refused(node)
+        self._injector.refused(node)
 
     def _joined(self, node: Node) -> None:
-        """Tap a robot agent's line, and see whom it obeys."""
-        agent = node.agent
-        _tap_news(node, self)
+        """Tap a robot agent's line, whom it obeys, and which live agents any agent misses."""
+        agent, orders = node.agent, Orders()
+
+        def disappears(_name: str, instance: str, _now: float) -> None:
+            nodes = self.mesh.nodes
+            if any(other.alive and other.agent.instance == instance for other in nodes):
+                self.show(Missed(self.mesh.now, instance))
+
+        def writes(data: bytes) -> None:
+            for order in orders.feed(data, self.mesh.now):
+                self.show(order)
+
+        def publishes(message: Message) -> None:
+            if isinstance(message, RobotState):
+                self._elsewhere.add(message.cycle.epoch)
+
+        _before(agent, "disappeared", disappears)
         if not isinstance(agent, Robot):
             return
         if node.device is self.rehearsal.robot:
-            _tap_line(agent, self)
+            _before(agent, "write", writes)
             _tap_owner(agent.owner(WHEELS), self)
         else:
-            _tap_epochs(agent, self._elsewhere)
+            _before(agent, "publish", publishes)
 
     # Missions ------------------------------------------------------------------------------------
 
@@ -282,15 +270,15 @@ def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
     return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
 
 
-def _tap_line(agent: DeviceAgent, workload: Workload) -> None:
-    orders, write = Orders(), agent.write
+def _before(agent: Any, name: str, then: Callable[..., None]) -> None:
+    """Have a method of one instance call a function with its arguments first."""
+    method = getattr(agent, name)
 
-    def tapped(data: bytes) -> None:
-        write(data)
-        for order in orders.feed(data, workload.mesh.now):
-            workload.show(order)
+    def tapped(*args: Any, **named: Any) -> Any:
+        then(*args)
+        return method(*args, **named)
 
-    vars(agent)["write"] = tapped
+    vars(agent)[name] = tapped
 
 
 def _tap_owner(owner: Owner, workload: Workload) -> None:
@@ -305,30 +293,6 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
         return verdict
 
     vars(owner)["judge"] = tapped
-
-
-def _tap_news(node: Node, workload: Workload) -> None:
-    """See which live agents it takes for gone."""
-    agent = node.agent
-    disappeared = agent.disappeared
-
-    def tapped(name: str, instance: str, now: float) -> None:
-        if any(other.alive and other.agent.instance == instance for other in workload.mesh.nodes):
-            workload.show(Missed(workload.mesh.now, instance))
-        disappeared(name, instance, now)
-
-    vars(agent)["disappeared"] = tapped
-
-
-def _tap_epochs(agent: Robot, epochs: set[int]) -> None:
-    publish = agent.publish
-
-    def tapped(message: Message, **names: str) -> None:
-        if isinstance(message, RobotState):
-            epochs.add(message.cycle.epoch)
-        publish(message, **names)
-
-    vars(agent)["publish"] = tapped
 
 
 def run(case: Case, until: Promise | None = None) -> Outcome:

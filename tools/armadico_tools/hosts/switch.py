@@ -13,12 +13,8 @@ import random
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from typing import Final
 
 from armadico.mesh.link_faults import WHOLE, LinkFaults
-
-QUEUE_S: Final = 0.5
-"""What a link of limited rate lets wait; what comes on top of it is lost."""
 
 Link = tuple[str, str]
 """From a host, to a host."""
@@ -30,15 +26,12 @@ class Count:
 
     sent: int = 0
     lost: int = 0
-    duplicated: int = 0
-    overtaking: int = 0
 
 
 @dataclass(slots=True)
 class _Wire:
     rng: random.Random
     faults: LinkFaults = WHOLE
-    busy_until: float = 0.0  # when the last bit of what waits is on its way
     last_due: float = 0.0
     count: Count = field(default_factory=Count)
 
@@ -96,29 +89,13 @@ class Switch:
         faults, rng = wire.faults, wire.rng
         # Each frame draws the same numbers whatever the faults are: changing one of them leaves
         # what the others do as it was.
-        lost, early, twice, late = rng.random(), rng.random(), rng.random(), rng.uniform(-1.0, 1.0)
+        lost, late = rng.random(), rng.uniform(-1.0, 1.0)
         if source in self._off or target in self._off or faults.cut or lost < faults.loss:
             wire.count.lost += 1
             return
-        at = now
-        if faults.rate > 0.0:
-            begins = max(now, wire.busy_until)
-            if begins - now > QUEUE_S:
-                wire.count.lost += 1
-                return
-            at = wire.busy_until = begins + 8 * len(frame) / faults.rate
         wire.count.sent += 1
-        if early < faults.reorder:
-            wire.count.overtaking += 1
-        else:
-            at = max(at + max(faults.delay + faults.jitter * late, 0.0), wire.last_due)
-            wire.last_due = at
-        self._send(target, frame, at)
-        if twice < faults.duplicate:
-            wire.count.duplicated += 1
-            self._send(target, frame, at)
-
-    def _send(self, target: str, frame: bytes, at: float) -> None:
+        at = max(now + max(faults.delay + faults.jitter * late, 0.0), wire.last_due)
+        wire.last_due = at
         self._sequence += 1
         heapq.heappush(self._waiting, _Due(at, self._sequence, target, frame))
 
@@ -127,14 +104,7 @@ class Switch:
     def set(self, links: Iterable[Link], faults: LinkFaults) -> None:
         """Put faults on links in place of those that they had."""
         for link in links:
-            wire = self._wires[link]
-            wire.faults = faults
-            if faults.rate == 0.0:
-                wire.busy_until = 0.0
-
-    def faults(self, link: Link) -> LinkFaults:
-        """What is wrong with a link."""
-        return self._wires[link].faults
+            self._wires[link].faults = faults
 
     def cut(self, links: Iterable[Link], cut: bool = True) -> None:
         """Cut links, or mend the cut; what else is wrong with them stays."""

@@ -1,8 +1,8 @@
 """Write the vectors and the schema, or check an agent: `python -m armadico_tools.transcripts`.
 
-`replay FILE --agent NAME` lets our own agent live through a transcript and prints the first
-difference; with `--said FILE` it compares what another program published, one JSON object a line
-with `t`, `key` and `cbor`. `inputs FILE --agent NAME` prints what that program is to be given.
+`inputs FILE --agent NAME` prints what an agent receives in a transcript. `replay FILE --agent NAME
+--said FILE` compares what it published, one JSON object a line with `t`, `key` and `cbor`, and
+prints the first difference.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from armadico_tools.transcripts.cddl import schema
-from armadico_tools.transcripts.replay import difference_of, first_difference, inputs, read
+from armadico_tools.transcripts.replay import difference_of, inputs, read
 from armadico_tools.transcripts.vectors import VECTORS
 
 DOCS: Final = Path(__file__).resolve().parents[3] / "docs"
@@ -40,7 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.add_argument("file", type=Path, help="a transcript")
         command.add_argument("--agent", required=True, help="which of its processes")
         if name == "replay":
-            command.add_argument("--said", type=Path, help="another program's output; - is stdin")
+            command.add_argument(
+                "--said", type=Path, required=True, help="what it published; - is stdin"
+            )
     args = parser.parse_args(argv)
     if args.command is None:
         for path, text in files().items():
@@ -56,11 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         for line in inputs(transcript, part.label):
             print(json.dumps(line))
         return 0
-    if args.said is None:
-        why = first_difference(transcript, part.label)
-    else:
-        text = sys.stdin.read() if str(args.said) == "-" else args.said.read_text(encoding="utf-8")
-        why = difference_of(transcript, part.label, [json.loads(x) for x in text.splitlines()])
+    text = sys.stdin.read() if str(args.said) == "-" else args.said.read_text(encoding="utf-8")
+    why = difference_of(transcript, part.label, [json.loads(x) for x in text.splitlines()])
     print(why or f"{part.label} publishes what {transcript.scene} has")
     return 1 if why else 0
 

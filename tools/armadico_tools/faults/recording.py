@@ -10,7 +10,6 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
     Ballot,
@@ -25,18 +24,19 @@ from armadico.mobile.messages import MissionStatus, Truth
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.recordings import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
-from armadico_tools.faults.observations import (
+from armadico_tools.faults.record import (
     Bids,
     Left,
     Observation,
     Passed,
     Said,
     of_the_wheels,
+    seconds_since,
 )
 
 AT_ONCE_S: Final = 0.02
-"""Who is heard within this of each other has spoken at once: a recorder, which is told by each on a
-connection of its own, may have them in either order."""
+"""Messages received within this of each other count as simultaneous: each publisher has its own
+connection to the recorder, so they may be recorded in either order."""
 
 SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
 
@@ -44,8 +44,8 @@ SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:
     """Look at a recording, of one namespace if there are several.
 
-    What no recording shows is not looked at: the line to the controller, and which faults were
-    made. So a promise that a fault takes away (`kinds.voided`) counts as broken here.
+    A recording does not show the line to the controller, nor which faults were made. So a promise
+    that a fault voids (`fault_types.voided`) counts as broken here.
     Raises RecordingError and OSError.
     """
     checker = Checker()
@@ -58,8 +58,8 @@ def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Che
 def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
     """What the checker is shown of a recording; times are s.
 
-    Of those who contend at once the smaller ballot is first: who took over from another had
-    received that one's claim, or it would not have taken over so.
+    Of claims at once the smaller ballot is first: an agent that took over had received the claim of
+    the agent before it.
     """
     held: list[Observation] = []
     for seen in chain(_observed(recorded), (None,)):
@@ -103,15 +103,8 @@ def _observed(recorded: Iterable[Row]) -> Iterator[Observation]:
             newest = message.cycle
         if isinstance(message, BidRecord):
             instance = row.key.split("/")[2]  # agent/NAME/INSTANCE/bids
-            yield Bids(at, instance, message, _age(message.cycle, newest))
+            yield Bids(at, instance, message, seconds_since(message.cycle, newest))
         elif isinstance(message, SHOWN) and of_the_wheels(message):
             yield Said(at, message)
         else:
             yield Passed(at)
-
-
-def _age(cycle: Cycle, newest: Cycle | None) -> float:
-    """How long ago a cycle was, s; bids are queried, and come some time after they were made."""
-    if newest is None or newest.epoch != cycle.epoch:
-        return 0.0
-    return max(newest.number - cycle.number, 0) * PERIOD

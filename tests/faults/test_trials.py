@@ -1,4 +1,4 @@
-"""`armadico trials`: faults on real processes, watched by the checker of promises."""
+"""`armadico faults --live`: faults on real processes, watched by the checker of promises."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from armadico.cli import main
-from armadico_tools.faults.real_series import ALL, Line, Series
-from armadico_tools.faults.real_trials import TRIALS
+from armadico_tools.faults.plan import Case, Outcome
+from armadico_tools.faults.series import TRIALS as ROWS
+from armadico_tools.faults.series import Line, Summary, lines
+from armadico_tools.faults.trials import TRIALS
 from tests.programs import call
 
 SOON = 90.0
@@ -20,19 +22,22 @@ KINDS = ("holder-hung", "nobody-left")
 
 @pytest.mark.live
 def test_trials_are_made_measured_and_kept(tmp_path: Path) -> None:
-    words = ("--trials", "1", "--json", "--out", str(tmp_path))
-    done = call("trials", *KINDS, *words, within=SOON)
+    words = ["--live", "--trials", "1", "--json", "--out", str(tmp_path)]
+    words += [word for kind in KINDS for word in ("--kind", kind)]
+    done = call("faults", *words, within=SOON)
     found = json.loads(done.stdout)
     assert not found["violations"], done.stderr
     assert not found["failed"]
     measured = {(line["kind"], line["figure"]) for line in found["lines"]}
     assert measured == {(kind, f.name) for kind in KINDS for f in TRIALS[kind].figures}
     assert all(line["worst"] >= line["median"] >= 0 for line in found["lines"])
-    with (tmp_path / "trials.csv").open(newline="") as rows:
-        kept = {(row["kind"], row["figure"]) for row in csv.DictReader(rows)}
+    with (tmp_path / ROWS).open(newline="") as rows:
+        kept = {
+            (row["kinds"], name)
+            for row in csv.DictReader(rows)
+            for name in json.loads(row["figures"])
+        }
     assert kept == measured
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert {line["kind"] for line in summary["lines"]} == set(KINDS)
 
 
 def test_an_aim_is_kept_by_median_and_worst() -> None:
@@ -41,32 +46,28 @@ def test_an_aim_is_kept_by_median_and_worst() -> None:
     assert Line("k", "f", "", 3, 5000, 9000, None, None).kept
 
 
-def test_a_series_without_trials_or_with_one_that_failed_is_not_kept() -> None:
-    trial = TRIALS["holder-killed"]
-    assert not Series(trial).kept
-    assert Series(trial, rows=[{"next obeyed": 20.0}]).kept
-    assert not Series(trial, rows=[{"next obeyed": 20.0}], failed=["it did not start"]).kept
-    assert not Series(trial, rows=[{"next obeyed": 450.0}]).kept
+def test_figures_of_trials_are_summed_up_by_kind() -> None:
+    summary, trial = Summary(), TRIALS["holder-killed"]
+    for value in (10.0, 30.0, 450.0):
+        case = Case(0, "road", 1.0, ())
+        summary.add(Outcome(case, {}, (), kind=trial.name, figures={"next obeyed": value}))
+    (line,) = lines(summary, TRIALS.values())
+    assert (line.trials, line.median, line.worst, line.kept) == (3, 30.0, 450.0, False)
 
 
 def test_the_kinds_are_listed_with_what_counts(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["trials", "--list"]) == 0
+    assert main(["faults", "--live", "--list"]) == 0
     out = capsys.readouterr().out
-    for trial in ALL.values():
+    for trial in TRIALS.values():
         assert trial.name in out
         assert all(figure.text in out for figure in trial.figures)
-
-
-def test_a_kind_that_is_not_there_is_told_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["trials", "holder-kiled"]) == 2
-    assert "did you mean 'holder-killed'?" in capsys.readouterr().err
 
 
 def test_without_root_it_says_so_and_what_can_be_done(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("os.geteuid", lambda: 1000)
-    assert main(["trials", "host-lost"]) == 1
+    assert main(["faults", "--live", "--kind", "host-lost"]) == 1
     said = capsys.readouterr().err
     assert "needs root (sudo)" in said
     assert "holder-killed" in said
@@ -75,12 +76,15 @@ def test_without_root_it_says_so_and_what_can_be_done(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["trials", "--trials", "0"], "at least 1"),
-        (["trials", "--recording", "nothing.mcap"], "nothing.mcap"),
+        (["--live", "--trials", "0"], "at least 1"),
+        (["--live", "--kind", "holder-kiled"], "did you mean 'holder-killed'?"),
+        (["--live", "--seeds", "3"], "--seeds: only without --live"),
+        (["--trials", "3"], "--trials: only with --live"),
+        (["--recording", "nothing.mcap"], "nothing.mcap"),
     ],
 )
 def test_what_is_wrong_is_named(
     words: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(words) == 2
+    assert main(["faults", *words]) == 2
     assert says in capsys.readouterr().err

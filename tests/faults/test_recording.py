@@ -26,8 +26,8 @@ from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
 from armadico.observe.watching import Heard, Presence
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Bids, Left, Passed, Said
-from armadico_tools.faults.real_recording import check, observations
+from armadico_tools.faults.record import Bids, Left, Passed, Said
+from armadico_tools.faults.recording import check, observations
 
 SECOND = 1_000_000_000
 GOTO = "goto-0000000000000001"
@@ -74,9 +74,9 @@ def test_a_ballot_that_goes_down_is_found(
     promises = {violation.promise for violation in check(path, "robot1", pytest.fail).violations}
     assert promises == {Promise.ONE_DRIVER}
     assert not check(path, "robot2", pytest.fail).violations, "another robot's"
-    assert main(["trials", "--recording", str(path)]) == 1
+    assert main(["faults", "--recording", str(path)]) == 1
     assert Promise.ONE_DRIVER in capsys.readouterr().out
-    assert main(["trials", "--recording", str(path), "--namespace", "robot2"]) == 0
+    assert main(["faults", "--recording", str(path), "--namespace", "robot2"]) == 0
 
 
 def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:

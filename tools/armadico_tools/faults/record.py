@@ -1,16 +1,38 @@
-"""What an onlooker knows: which faults are on, what cycle it is, who claims, bids and is obeyed."""
+"""What was observed of a society, and what follows from it: one record for every back end.
+
+Every observation can be made from outside the processes: what is published on the mesh, what the
+robot agent writes to the controller, and which faults the injector makes. The virtual network, real
+processes and recordings all yield them, in the order of time. `Record` keeps what the promises and
+the figures of trials need: which faults are on, the cycle, the claims, the bids, what is obeyed.
+`at` is always in seconds, by one clock of the observer.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import hypot, inf
-from typing import NamedTuple
+from typing import Final, NamedTuple, TypeVar
+
+from msgspec import Struct
 
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
-from armadico.core.messages import Ack, Ballot, BidRecord, Claim, Cycle, RobotState
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    BidRecord,
+    Claim,
+    Command,
+    Cycle,
+    Log,
+    Message,
+    RobotState,
+)
 from armadico.core.resources import WHEELS
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import wrap
@@ -25,15 +47,109 @@ from armadico_tools.faults.fault_types import (
     Promise,
     voided,
 )
-from armadico_tools.faults.observations import (
-    Bids,
-    Denied,
-    Faulted,
-    Left,
-    Observation,
-    Ordered,
-    Said,
-)
+
+T = TypeVar("T")
+
+Timed = deque[tuple[float, T]]
+"""What is kept, each with the time from which it counts."""
+
+# Observations -----------------------------------------------------------------------------------
+
+
+class Observation(Struct, frozen=True):
+    """One thing, and when it was seen."""
+
+    at: float
+
+
+class Said(Observation, frozen=True):
+    """A message of an agent, a person or the simulator."""
+
+    message: Message
+
+
+def of_the_wheels(message: Message) -> bool:
+    """Whether a message is not about another resource: the promises are about the wheels."""
+    return getattr(message, "resource", WHEELS.name) == WHEELS.name
+
+
+class Ordered(Observation, frozen=True):
+    """Speeds that the robot agent wrote to the controller, m/s and rad/s."""
+
+    v: float
+    w: float
+
+
+class Faulted(Observation, frozen=True):
+    """A fault begins or ends; `kind` is one of `fault_types.KINDS`, `whom` names agents.
+
+    `to` names the receivers, for faults of the network; `amount` is the kind's own number
+    (`plan.DRAWS`). An unknown amount counts as the worst.
+    """
+
+    kind: str
+    whom: tuple[str, ...]
+    began: bool
+    to: tuple[str, ...] = ()
+    amount: float = inf
+
+
+class Passed(Observation, frozen=True):
+    """Only time has passed: for the end, and wherever nothing else is observed for long."""
+
+
+class Obeyed(Observation, frozen=True):
+    """The robot agent obeys a command. Without it the `Ack` has to do."""
+
+    ballot: Ballot
+    cycle: Cycle
+
+
+class Refused(Observation, frozen=True):
+    """The robot agent refuses a command; `why` is the verdict's name."""
+
+    ballot: Ballot
+    why: str
+
+
+class Missed(Observation, frozen=True):
+    """An agent takes a live one for gone, by a lease that ran out."""
+
+    instance: str
+
+
+class Denied(Observation, frozen=True):
+    """An instance may not join, or stay; `why` is for people."""
+
+    instance: str
+    why: str
+
+
+class Astray(Observation, frozen=True):
+    """An agent takes another robot for this one, and publishes poses of that."""
+
+
+class Bids(Observation, frozen=True):
+    """The last bid of an instance, or why it does not bid; `age` is how long ago that was, s."""
+
+    instance: str
+    record: BidRecord
+    age: float = 0.0
+
+
+class Came(Observation, frozen=True):
+    """The liveliness token of an instance appeared."""
+
+    instance: str
+
+
+class Left(Observation, frozen=True):
+    """An instance is gone, and so are its bids."""
+
+    instance: str
+
+
+# What follows from them -------------------------------------------------------------------------
 
 MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
@@ -62,6 +178,17 @@ HEARD_S = 0.4
 
 FRESH_CYCLES = 3
 """A command may answer a cycle so many older than the newest (docs/architecture.md)."""
+
+KEPT: Final = 3000
+"""Messages of a kind that are kept for figures: a few minutes' worth."""
+
+REST: Final = 0.01
+"""The wheels rest below this, m/s and rad/s."""
+
+ON_ITS_WAY_M_S: Final = 0.05
+
+QUERIED_S: Final = 1.5
+"""A bid counts as recent within this where bids are queried, s."""
 
 POSES = 64  # cycles whose true poses are remembered, for poses that come late
 
@@ -144,6 +271,20 @@ def age(cycle: Cycle, newest: Cycle | None) -> float:
     return newest.number - cycle.number
 
 
+def seconds_since(cycle: Cycle, newest: Cycle | None) -> float:
+    """How long ago a cycle of this epoch was, s: bids are queried some time after that."""
+    known = newest is not None and newest.epoch == cycle.epoch
+    return max(age(cycle, newest), 0) * PERIOD if known else 0.0
+
+
+def _from(kept: Timed[T], since: float) -> Iterator[tuple[float, T]]:
+    return ((at, item) for at, item in kept if at >= since)
+
+
+def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float | None:
+    return next((at for at, item in _from(kept, since) if wanted(item)), None)
+
+
 class Fault(NamedTuple):
     """One that is on, as far as promises are concerned."""
 
@@ -154,10 +295,20 @@ class Fault(NamedTuple):
 
 
 @dataclass
-class Situation:
-    """Taken in before the promises are looked at."""
+class Record:
+    """What is known after each observation, which it takes before the promises are checked.
+
+    The last few minutes of some kinds are kept as well, each with its own time: figures are
+    measured by them.
+    """
 
     bounds: Bounds = field(default_factory=Bounds)
+    acks: Timed[Ack] = field(default_factory=lambda: deque(maxlen=KEPT))  # of the wheels
+    commands: Timed[Command] = field(default_factory=lambda: deque(maxlen=KEPT))
+    truths: Timed[Truth] = field(default_factory=lambda: deque(maxlen=KEPT))
+    orders: Timed[Ordered] = field(default_factory=lambda: deque(maxlen=KEPT))
+    logs: Timed[Log] = field(default_factory=lambda: deque(maxlen=200))
+    alive: dict[str, float] = field(default_factory=dict)  # since when its token is there
     now: float = -inf
     whole_since: float = inf  # inf while a fault breaks the network
     free_since: float = inf  # inf while a fault or a stop excuses that it does not move
@@ -194,23 +345,33 @@ class Situation:
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
     def take(self, seen: Observation) -> None:
+        """Take one observation. One that comes late counts as coming now."""
         if self.whole_since == inf and not self.active:
             self.whole_since = self.free_since = seen.at
             self._excused = False
-        self.now = seen.at
+        if not (
+            self.bounds.heard_s and isinstance(seen, Said) and isinstance(seen.message, Command)
+        ):
+            self.now = max(self.now, seen.at)  # a busy observer takes commands before their turn
         if isinstance(seen, Said):
             self._receive(seen)
         elif isinstance(seen, Faulted):
             self._fault(seen)
         elif isinstance(seen, Ordered):
             self.ordered = seen
+            self.orders.append((self.now, seen))
         elif isinstance(seen, Bids):
             self.sees_bids = True
-            self.bids[seen.instance] = (seen.at - seen.age, seen.record)
+            self.bids[seen.instance] = (self.now - seen.age, seen.record)
         elif isinstance(seen, Denied):
             self._deny(seen)
+        elif isinstance(seen, Came):
+            self.alive.setdefault(seen.instance, self.now)
         elif isinstance(seen, Left):
             self.bids.pop(seen.instance, None)
+            self.alive.pop(seen.instance, None)
+
+    # How things stand ----------------------------------------------------------------------------
 
     def age(self, cycle: Cycle) -> float:
         """How many cycles before the newest; inf in another epoch."""
@@ -321,6 +482,80 @@ class Situation:
         recent = [b for b, (_, last, _) in self.claims.items() if self.now - last <= BID_AGE_S]
         return [ballot.instance for ballot in recent]
 
+    @property
+    def deaf(self) -> bool:
+        """Whether commands may reach the robot and not the observer: real links are cut."""
+        return self.bounds.heard_s > 0.0 and any(f.kind == "partition" for f in self.active)
+
+    @property
+    def driver(self) -> str | None:
+        """The instance that is obeyed now; None if there is none, or the owner is silent."""
+        silent = self.ack is None or self.now - self.acked_at > SILENT_S
+        return None if self.ack is None or silent else driver(self.ack)
+
+    def on_its_way(self) -> bool:
+        """Whether a command is obeyed and the robot truly drives."""
+        return self.truth is not None and self.truth.v > ON_ITS_WAY_M_S and self.driver is not None
+
+    def bids_lately(self, instance: str) -> bool:
+        """Whether bids of an instance were received lately, on real processes by a query."""
+        at, record = self.bids.get(instance, (-inf, None))
+        return record is not None and self.now - at <= QUERIED_S and bool(record.utility)
+
+    def instances(self, name: str) -> list[str]:
+        """The instances of an agent that are alive, the oldest first."""
+        return [
+            one for one in sorted(self.alive, key=self.alive.__getitem__) if agent_of(one) == name
+        ]
+
+    # From when to when ---------------------------------------------------------------------------
+
+    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
+        """When the next command that is known to have been obeyed was published.
+
+        It is known by the ack of the robot agent: the first after `since` of a command published
+        since then by an instance that is none of `but`.
+        """
+        sent = {(c.ballot, c.cycle): at for at, c in self.commands}
+        for _, ack in _from(self.acks, since):
+            if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
+                continue
+            found = sent.get((ack.obeyed, ack.obeyed_cycle))
+            if found is not None and found >= since:
+                return found
+        return None
+
+    def stop_after(self, since: float) -> float | None:
+        """When the first zero speeds after a time were written to the controller."""
+        return _first(self.orders, since, lambda order: order.v == 0.0 and order.w == 0.0)
+
+    def moves_after(self, since: float) -> float | None:
+        """When the first speeds that are not zero were written to the controller."""
+        return _first(self.orders, since, lambda order: order.v != 0.0 or order.w != 0.0)
+
+    def longest_silence(self, since: float) -> float:
+        """The longest time between two orders on the line since a time, s."""
+        times = [since, *(at for at, _ in _from(self.orders, since)), self.now]
+        return max(b - a for a, b in pairwise(times))
+
+    def rest_after(self, since: float) -> float | None:
+        """When the wheels were first seen to rest; the truth comes each 100 ms."""
+        return _first(self.truths, since, lambda t: abs(t.v) < REST and abs(t.w) < REST)
+
+    def fastest(self, since: float, until: float) -> float:
+        """The largest true speed in a time, m/s; 0 if none was received."""
+        return max((abs(t.v) for at, t in _from(self.truths, since) if at <= until), default=0.0)
+
+    def share_obeyed(self, since: float, until: float = inf) -> float:
+        """The share of the cycles in a time in which a recent command was obeyed, 0 to 1."""
+        cycles = [driver(ack) is not None for at, ack in _from(self.acks, since) if at <= until]
+        return sum(cycles) / len(cycles) if cycles else 0.0
+
+    def late_commands(self, since: float, ballot: Ballot) -> int:
+        """How many commands with a ballot, or an older one of its instance, came since a time."""
+        late = (c.ballot for _, c in _from(self.commands, since))
+        return sum(b.instance == ballot.instance and b <= ballot for b in late)
+
     # Inside --------------------------------------------------------------------------------------
 
     def _receive(self, seen: Said) -> None:
@@ -335,15 +570,20 @@ class Situation:
             self.driving = message.state is MissionState.DRIVING
         elif isinstance(message, Pose):
             self._posed(message)
+        elif isinstance(message, Command):
+            self.commands.append((seen.at, message))
+        elif isinstance(message, Log):
+            self.logs.append((self.now, message))
         elif isinstance(message, Truth):
-            self.truth, self.truth_at = message, seen.at
+            self.truth, self.truth_at = message, self.now
+            self.truths.append((self.now, message))
             near = message.clearance is not None and message.clearance < WEDGED_M
             if not near:
                 self.wedged_at = -inf
             elif self._contact_voids():
-                self.wedged_at = seen.at
+                self.wedged_at = self.now
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
-                self.rested_at = seen.at
+                self.rested_at = self.now
 
     def _posed(self, pose: Pose) -> None:
         most, most_rad = may_be_off(pose)
@@ -370,6 +610,7 @@ class Situation:
     def _acked(self, ack: Ack) -> None:
         if ack.resource != WHEELS.name:
             return
+        self.acks.append((self.now, ack))
         self.ack_before, self.ack, self.acked_at = self.ack, ack, self.now
         if driver(ack) is not None:
             self.obeyed_at = self.now

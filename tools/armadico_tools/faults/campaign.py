@@ -1,0 +1,301 @@
+"""What `armadico faults` does: run seeds, a case or trials, check a recording, report."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from armadico.cli import options, pool
+from armadico.cli.options import FailedError, UsageError
+from armadico.config.errors import ConfigError
+from armadico.config.hosts import load_hosts
+from armadico.config.loading import read_text
+from armadico.config.scenarios import load_scenario
+from armadico.observe.conditions import software
+from armadico_tools.command_options import over
+from armadico_tools.commands.faults import MINUTES, SEEDS
+from armadico_tools.commands.faults import TRIALS as COUNT
+from armadico_tools.faults import plan, series, shrink, workload
+from armadico_tools.faults.fault_types import KINDS, Promise
+from armadico_tools.faults.live import ROAD
+from armadico_tools.faults.plan import Outcome
+from armadico_tools.faults.series import Ledger, Line, Summary
+from armadico_tools.faults.sightings import Sight
+from armadico_tools.faults.trials import TABLE, TRIALS, Trial, place_for
+from armadico_tools.faults.trials import run_trials as make_trials
+from armadico_tools.hosts.namespaces import lacking
+from armadico_tools.testbed import TABLE as HOSTS
+
+SHRUNK: Final = 3
+"""At most so many of the cases that broke a promise are shrunk."""
+
+SHOWN: Final = 10
+"""Violations of a recording that are printed at most; --json has them all."""
+
+
+def kinds(*, live: bool) -> Mapping[str, object]:
+    """The kinds of trials, or of faults, by name."""
+    return TRIALS if live else KINDS
+
+
+def show_kinds(*, live: bool, as_json: bool) -> int:
+    promises = {promise.name: promise.value for promise in Promise}
+    if as_json:
+        texts = {t.name: t.text for t in TRIALS.values()} if live else _meanings()
+        print(json.dumps({"kinds": texts, "promises": promises}))
+        return 0
+    if live:
+        for trial in TRIALS.values():
+            root = "; needs hosts, so root" if trial.hosts else ""
+            print(f"{trial.name:<16} {trial.text}{root}")
+            for figure in trial.figures:
+                print(f"    {figure.name}: {figure.text}{_aim(figure.median, figure.worst)}")
+        return 0
+    for title, texts in (("kinds of faults", _meanings()), ("promises", promises)):
+        print(title)
+        for name, text in texts.items():
+            print(f"  {name:<18} {text}")
+    return 0
+
+
+def _meanings() -> dict[str, str]:
+    return {kind.name: kind.meaning for kind in KINDS.values()}
+
+
+def _aim(median: float | None, worst: float | None) -> str:
+    aims = (("median", median), ("worst", worst))
+    parts = [f"{value:g} ms {name}" for name, value in aims if value is not None]
+    return f" (aim: {', '.join(parts)})" if parts else ""
+
+
+def repeat(given: str, *, as_json: bool) -> int:
+    """One case again. Raises ConfigError for what is none."""
+    text = given
+    if not given.lstrip().startswith("{"):
+        try:
+            text = read_text(given)
+        except ConfigError as error:
+            raise ConfigError(f"neither a case as JSON nor a file of one: {error}") from None
+    outcome = workload.run(plan.loads(text))
+    if as_json:
+        found = {"violations": outcome.violations, "longest_to_move_s": outcome.longest_s}
+        print(json.dumps(found))
+        return 1 if outcome.violations else 0
+    for fault in outcome.case.faults:
+        whom = ", ".join(fault.whom) + (f" to {', '.join(fault.to)}" if fault.to else "")
+        print(f"{fault.at:9.3f} s  {fault.kind} for {fault.lasts:.3f} s: {whom}")
+    for promise, at, what in outcome.violations:
+        print(f"{at:9.3f} s  {promise} broken: {what}")
+    if not outcome.violations:
+        print("no promise was broken")
+    return 1 if outcome.violations else 0
+
+
+def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
+    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
+    from armadico_tools.faults.recording import check  # noqa: PLC0415
+
+    try:
+        checker = check(path, namespace, options.say)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror}") from None
+    broken = checker.violations
+    if as_json:
+        rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
+        print(json.dumps({"violations": rows, "longest_s": checker.longest}, indent=2))
+    else:
+        print(f"promises broken: {len(broken)}")
+        for violation in broken[:SHOWN]:
+            print(f"  {violation.promise}: {violation.text}")
+    return options.FAILED if broken else 0
+
+
+def run_seeds(args: argparse.Namespace) -> int:
+    """Many seeds on the virtual mesh; on Ctrl-C the counts so far."""
+    ledger = _ledger(args.out, series.SEEDS)
+    first = ledger.next_seed() if args.first is None else args.first
+    lasts = 60.0 * (args.minutes or MINUTES)
+    seeds = range(first, first + (args.seeds or SEEDS))
+    tasks = [series.Task(seed, lasts, tuple(args.kind)) for seed in seeds]
+    summary = Summary(narrowed=bool(args.kind))
+
+    def done(task: series.Task, outcome: Outcome) -> None:
+        summary.add(outcome)
+        _keep(ledger, outcome, task.kinds)
+
+    complete = over(series.Task.run, tasks, args, "seeds", done)
+    commands = _commands(summary) if complete else []
+    if args.json:
+        print(json.dumps({**summary.plain(), "repeat": commands}))
+    else:
+        _show_seeds(summary, commands)
+        seeds_run, broken = ledger.count()
+        print(f"{ledger.path}: {seeds_run} seeds on this commit, {broken} broke a promise")
+    if not complete:
+        return options.INTERRUPTED
+    return 1 if summary.broken or series.missing(summary) else 0
+
+
+def run_trials(args: argparse.Namespace) -> int:
+    """Trials on real processes; on Ctrl-C what was measured is kept."""
+    chosen = _chosen(args.kind)
+    scenario = load_scenario(args.scenario) if args.scenario else ROAD
+    table, seed, count = load_hosts(HOSTS), args.seed or 0, args.trials or COUNT
+    options.end_as_by_ctrl_c()
+    ledger = _ledger(args.out, series.TRIALS)
+    summary = Summary()
+
+    def done(outcome: Outcome) -> None:
+        summary.add(outcome)
+        _keep(ledger, outcome)
+        text = ", ".join(f"{name} {value:g}" for name, value in outcome.figures.items())
+        made = len(summary.figures.get(outcome.kind, ()))
+        options.say(f"{outcome.kind} {made}/{count}: {text}")
+
+    try:
+        with place_for(chosen, table, seed) as place:
+            for trial in chosen:
+                failed = make_trials(
+                    trial,
+                    place,
+                    count,
+                    done,
+                    table=table,
+                    scenario=scenario,
+                    seed=seed,
+                    record=args.record,
+                )
+                for why in failed:
+                    options.say(f"{trial.name}: FAILED: {why}")
+                if failed:
+                    summary.failed[trial.name] = failed
+    except KeyboardInterrupt:
+        options.say(f"interrupted; what was measured is in {ledger.path}")
+        return options.INTERRUPTED
+    lines = series.lines(summary, chosen)
+    _show_trials(summary, lines, as_json=args.json)
+    sound = lines and all(line.kept for line in lines)
+    return 0 if sound and not summary.failed and not summary.broken else options.FAILED
+
+
+def _chosen(names: Sequence[str]) -> list[Trial]:
+    """The trials that were named, or those of the table, without root those that need none."""
+    chosen = [TRIALS[name] for name in names] or [*TABLE]
+    trouble = lacking() if any(trial.hosts for trial in chosen) else None
+    if trouble is None:
+        return chosen
+    able = [trial for trial in chosen if not trial.hosts]
+    left_out = ", ".join(trial.name for trial in chosen if trial.hosts)
+    if names or not able:
+        can = ", ".join(name for name, trial in TRIALS.items() if not trial.hosts)
+        raise FailedError(f"{left_out}: {trouble}. Without hosts there are: {can}")
+    options.say(f"left out: {left_out}: {trouble}")
+    return able
+
+
+def _ledger(folder: Path, name: str) -> Ledger:
+    try:
+        return Ledger(folder, software().commit, name)
+    except (OSError, ValueError) as error:
+        raise FailedError(f"cannot keep results in {folder}: {error}") from None
+
+
+def _keep(ledger: Ledger, outcome: Outcome, kinds: Sequence[str] = ()) -> None:
+    try:
+        ledger.add(outcome, kinds)
+    except OSError as error:
+        raise FailedError(f"cannot keep results in {ledger.path}: {error.strerror}") from None
+
+
+def _commands(summary: Summary) -> list[str]:
+    """For the first cases that broke a promise: the command that repeats the least of it."""
+    commands = []
+    shrunk: set[str] = set()
+    for outcome in summary.broken:
+        promise = outcome.violations[0][0]
+        if promise in shrunk or len(shrunk) >= SHRUNK:
+            continue
+        shrunk.add(promise)
+        options.say(f"seed {outcome.case.seed} broke {promise}: shrinking")
+        try:
+            with pool.progress("runs, at most", shrink.TRIES) as step:
+                case, _ = series.smallest(outcome, shrink.TRIES, step)
+        except KeyboardInterrupt:
+            case = outcome.case
+        commands.append(f"armadico faults --repeat {shlex.quote(case.dumps())}")
+    return commands
+
+
+# What is shown ------------------------------------------------------------------------------------
+
+
+def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
+    console = Console()
+    minutes = summary.seconds / 60.0
+    title = (
+        f"{summary.seeds} seeds, {minutes:.0f} simulated minutes, {summary.driven_m:.0f} m driven"
+    )
+    table = Table("promise", "broken", title=title)
+    for promise in Promise:
+        table.add_row(promise.value, str(summary.violations[promise.name]))
+    console.print(table)
+    counts = ", ".join(f"{kind} {summary.faults[kind]}" for kind in KINDS if summary.faults[kind])
+    void, shares = summary.void_contacts(), summary.void_shares()
+    reasons = ", ".join(f"{why} {count}" for why, count in void.items())
+    by = ", ".join(f"{why} {share:.1%}" for why, share in shares.items())
+    moving = sum(summary.moving_s.values())
+    print(f"faults: {counts or 'none'}")
+    print(f"longest time from healing to moving again: {summary.longest_s:.2f} s")
+    print(f"longest drive with the pose wrong and unsaid: {summary.unsaid_s:.1f} s")
+    print(f"contacts {summary.contacts['']}, void {sum(void.values())}: {reasons or 'none'}")
+    void_share = f"contacts void {sum(shares.values()):.1%} of it: {by or 'never'}"
+    print(f"moving {moving:.0f} s, {void_share}")
+    if summary.again:
+        print(f"missions forgotten, and asked for again: {summary.again}")
+    table = Table("situation", "seen")
+    for sight in Sight:
+        table.add_row(sight.value, str(summary.sights[sight.name]))
+    console.print(table)
+    for sight in series.missing(summary):
+        print(f"never came to pass: {sight.value}")
+    _show_broken(summary)
+    for command in commands:
+        print(command)
+
+
+def _show_trials(summary: Summary, lines: Sequence[Line], *, as_json: bool) -> None:
+    if as_json:
+        rows = [{**msgspec.to_builtins(line), "kept": line.kept} for line in lines]
+        broken = [[o.kind, *violation] for o in summary.broken for violation in o.violations]
+        found = {"lines": rows, "violations": broken, "failed": summary.failed}
+        print(json.dumps(found, indent=2))
+        return
+    caption = "ms unless named otherwise; armadico faults --live --list has the definitions"
+    table = Table("kind", "figure", caption=caption)
+    for title in ("trials", "median", "worst", "aim"):
+        table.add_column(title, justify="right")
+    for line in lines:
+        aim = " / ".join("-" if v is None else f"{v:g}" for v in (line.aim_median, line.aim_worst))
+        numbers = (str(line.trials), f"{line.median:g}", f"{line.worst:g}")
+        style = None if line.kept else "bold red"
+        table.add_row(line.kind, line.figure, *numbers, aim.replace("- / -", ""), style=style)
+    Console().print(table)
+    print(f"promises broken: {summary.violations.total()}")
+    _show_broken(summary)
+
+
+def _show_broken(summary: Summary) -> None:
+    for outcome in summary.broken:
+        for promise, at, what in outcome.violations:
+            about = outcome.kind or f"seed {outcome.case.seed}"
+            print(f"{about} ({outcome.case.scenario}), {at:.2f} s: {promise}: {what}")
