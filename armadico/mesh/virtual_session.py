@@ -80,7 +80,9 @@ class VirtualSession(Place):
                 each(where, encode(message))
             return False
 
-        self.mesh.put(self, key, request, timeout, replied, lambda: done() if self.alive else None)
+        self.mesh.queries.put(
+            self, key, request, timeout, replied, lambda: done() if self.alive else None
+        )
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         self._joined()
@@ -159,4 +161,4 @@ class Asked:
 
     def reply(self, key: str, message: Message) -> None:
         encode(message)
-        self._session.mesh.reply(self._session, self._number, key, message)
+        self._session.mesh.queries.reply(self._session, self._number, key, message)
