@@ -11,9 +11,10 @@ the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import inf
 
-from armadico.bridge.counting import Counting
+from armadico.bridge.counting import Counts, Ration
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
@@ -39,6 +40,7 @@ from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.bridge.session import Connected, LinkLost, Unanswered, Unfit
 from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits
+from armadico.core.messages import Line
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
 ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac
@@ -46,7 +48,6 @@ HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot tha
 LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
 LATE_S = 0.1  # an owner that calls so much later than that hung
 A_CYCLE = 3  # status packets that are decoded in a cycle, on average; a controller sends one
-BURST = 50  # status packets that are decoded at once, after a hang
 PAUSE_S = 5.0  # at most, before the next handshake if nothing followed the last ones
 ABSURD = 2.0  # times the profile's top speeds: no wheel turns so fast
 
@@ -76,16 +77,35 @@ _REASONS = {
 }
 
 
-class Session(Counting):
+@dataclass
+class Setup:
+    """What a controller is asked at the beginning, until it has been seen to obey it.
+
+    Only until then: whoever switches the motors off at the robot later has a reason.
+    """
+
+    due: float | None = None  # when it is asked again, s; None: not any more
+    configured: bool = False
+    enabled: bool = False
+    asked: int = 0
+
+    def repeat(self, held: bool, now: float) -> bytes:
+        """The packets that are to be repeated; motors that are `held` stay off."""
+        self.asked += 1
+        enabled = self.enabled or held
+        settled = self.configured and enabled
+        self.due = None if self.asked == ASK_TIMES or settled else now + ASK_AGAIN_S
+        packets = b"" if self.configured else command(Cmd.CONFIG, 1)
+        return packets if enabled else packets + command(Cmd.ENABLE, 1)
+
+
+class Session:
     """One client's dealings with one controller, from SYNC0 to CLOSE and again.
 
     Attributes:
         state: What the session waits for.
         held: See `bridge.session`.
     """
-
-    decoder: Decoder
-    odometry: Odometry
 
     def __init__(
         self,
@@ -101,24 +121,21 @@ class Session(Counting):
         `half_track_m` the controller's conversion factor stands for it.
         """
         self.state = State.CLOSED
-        self._ration = float(BURST)  # of status packets
-        self.decoder = Decoder()
+        self._ration = Ration()  # of status packets
+        self.decoder, self.counts = Decoder(), Counts()
         self.odometry = Odometry(units, near)
         self.held = False
         self._profile_units = self._units = units
         self._half_track = half_track_m or 1e-3 / units.diff_conv
-        self._limits = _limits(limits)
-        self._fastest = inf if limits is None else ABSURD * _top_rim(units, limits)
+        self._limits = limits
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
         self._events: list[Event] = []
         self._now = self._sent_at = now
         self._deadline: float | None = None
-        self._ask_at: float | None = None
-        self._asked = 0
+        self._setup = Setup()
         self._attempts = 0
         self._fruitless = 0  # handshakes since the last status packet
-        self._configured = self._enabled = False
         self._go(Signal.START)
 
     @property
@@ -129,22 +146,28 @@ class Session(Counting):
     @property
     def motors_due(self) -> bool:
         """Whether motors that are off were switched off at the robot, or held off there."""
-        return self.is_open and (self.held or self._enabled or self._ask_at is None)
+        setup = self._setup
+        return self.is_open and (self.held or setup.enabled or setup.due is None)
+
+    @property
+    def line(self) -> Line:
+        """What was wrong on the line so far."""
+        return self.counts.line(self.decoder, self.odometry)
 
     @property
     def next_wakeup(self) -> float | None:
         """When `tick` is due at the latest; None once closed."""
-        times = [time for time in (self._deadline, self._ask_at) if time is not None]
+        times = [time for time in (self._deadline, self._setup.due) if time is not None]
         if self.is_open:
             times.append(self._now + LOOK_S)
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
         """Take in what was read, and return what it means."""
-        self._ration += (now - self._now) * A_CYCLE / self._units.cycle_s
+        earned = (now - self._now) * A_CYCLE / self._units.cycle_s
         self._advance(now)
-        for payload in self._rationed(self.decoder.feed(data, now)):
-            self._take(payload)
+        for payload in self._rationed(self.decoder.feed(data, now), earned):
+            self._on_packet(payload)
         return self._drain_events()
 
     def tick(self, now: float) -> list[Event]:
@@ -152,8 +175,8 @@ class Session(Counting):
         self._advance(now)
         if self._deadline is not None and now >= self._deadline:
             self._go(Signal.SILENCE)
-        if self._ask_at is not None and now >= self._ask_at:
-            self._ask()
+        if self._setup.due is not None and now >= self._setup.due:
+            self._out += self._setup.repeat(self.held, now)
         return self._drain_events()
 
     def outgoing(self) -> bytes:
@@ -238,25 +261,23 @@ class Session(Counting):
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
 
-    def _rationed(self, payloads: list[bytes]) -> Iterator[bytes]:
-        """Of a flood of status packets the newest: what each costs must not put a stop off."""
+    def _rationed(self, payloads: list[bytes], earned: float) -> Iterator[bytes]:
+        """Of a flood of status packets the newest."""
         count = sum(payload[0] in STATUS_TYPES for payload in payloads)
-        self._ration = min(self._ration, BURST)
-        surplus = max(count - int(self._ration), 0)
-        self._ration -= count - surplus
-        self.surplus += surplus
+        surplus = self._ration.surplus(count, earned)
+        self.counts.surplus += surplus
         for payload in payloads:
             if surplus and payload[0] in STATUS_TYPES:
                 surplus -= 1
             else:
                 yield payload
 
-    def _take(self, payload: bytes) -> None:
+    def _on_packet(self, payload: bytes) -> None:
         try:
             if self.is_open:
                 self._report(payload)
         except ValueError:
-            self.malformed += 1
+            self.counts.malformed += 1
             return
         if payload[0] == 0x02 and (self.state, Signal.NAMES) in TRANSITIONS:
             self._go(self._named(*decode_texts(payload[1:], 3)))
@@ -280,16 +301,16 @@ class Session(Counting):
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)
-            if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest:
-                self.absurd += 1
+            if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest():
+                self.counts.absurd += 1
                 return
             self._fruitless = 0
-            self._enabled = self._enabled or status.motors_enabled
+            self._setup.enabled = self._setup.enabled or status.motors_enabled
             self.held = self.held and not status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
             self._events.append(self._reported(status))
         elif kind == CONFIG:
-            self._configured = True
+            self._setup.configured = True
             self._events.append(decode_configuration(payload))
         elif kind == ENCODER:
             self._events.append(decode_encoders(payload))
@@ -320,7 +341,7 @@ class Session(Counting):
         if timeout is not None and self.state is State.DRAIN and self._fruitless > 1:
             timeout = min(timeout * 2.0 ** (self._fruitless - 1), PAUSE_S)
         self._deadline = None if timeout is None else self._now + timeout
-        self._ask_at = None
+        self._setup.due = None
         for action in actions:
             self._act(action, before, signal)
 
@@ -340,25 +361,17 @@ class Session(Counting):
             self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
-        self._out += _opening(motors=not self.held) + self._limits
+        self._out += _opening(motors=not self.held) + _limits(self._limits)
         self._fruitless += 1
-        self._configured = self._enabled = False
-        self._attempts = self._asked = 0
-        self._ask_at = self._now + ASK_AGAIN_S
+        self._attempts = 0
+        self._setup = Setup(self._now + ASK_AGAIN_S)
 
-    def _ask(self) -> None:
-        """Repeat what the controller has not been seen to obey.
-
-        Only until it has been: whoever switches the motors off at the robot later has a reason.
-        """
-        self._asked += 1
-        if not self._configured:
-            self._out += command(Cmd.CONFIG, 1)
-        if not (self._enabled or self.held):
-            self._out += command(Cmd.ENABLE, 1)
-        settled = self._configured and (self._enabled or self.held)
-        done = self._asked == ASK_TIMES or settled
-        self._ask_at = None if done else self._now + ASK_AGAIN_S
+    def _fastest(self) -> float:
+        """No rim of a wheel is faster, m/s."""
+        limits = self._limits
+        if limits is None:
+            return inf
+        return ABSURD * (limits.v_max + limits.w_max / (self._profile_units.diff_conv * 1e3))
 
     def _drain_events(self) -> list[Event]:
         events, self._events = self._events, []
@@ -373,11 +386,6 @@ _SENDS = {
     Action.SEND_CLOSE: command(Cmd.CLOSE),
     Action.LEAVE: command(Cmd.ENABLE, 0) + command(Cmd.CLOSE),
 }
-
-
-def _top_rim(units: P2osUnits, limits: Limits) -> float:
-    """The speed of a wheel's rim at both tops, m/s."""
-    return limits.v_max + limits.w_max / (units.diff_conv * 1e3)
 
 
 def _opening(*, motors: bool) -> bytes:

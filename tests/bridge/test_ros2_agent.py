@@ -11,12 +11,12 @@ from math import nan
 import numpy as np
 import pytest
 
+from armadico.bridge.ramps import RAMP_S
 from armadico.bridge.robot import Parameters, Robot
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.frames import Decoder, Seen, frame, said
 from armadico.bridge.ros2.profile import Ros2Robot
-from armadico.bridge.ros2.session import RAMP_S
 from armadico.config.errors import ConfigError
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN

@@ -302,7 +302,7 @@ def test_a_transport_opened_again_begins_again(session: Session) -> None:
 def test_packets_with_good_checksums_and_bad_contents_are_counted(session: Session) -> None:
     opened(session)
     assert session.receive(encode(b"\x32\x00") + encode(b"\x90"), 0.1) == []
-    assert session.malformed == 2
+    assert session.line.malformed == 2
 
 
 def test_encoder_counts_are_told(session: Session) -> None:

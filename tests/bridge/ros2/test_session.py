@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from armadico.bridge.ramps import RAMP_S
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Seen, frame, said
-from armadico.bridge.ros2.session import LINK_TIMEOUT_S, RAMP_S
+from armadico.bridge.ros2.session import LINK_TIMEOUT_S
 from armadico.bridge.session import Connected, LinkLost, Noted, Pose, Reported, Unanswered
 from tests.bridge.ros2.robot import (
     BURGER,
@@ -110,7 +111,7 @@ def test_a_flood_costs_no_more_than_its_newest() -> None:
     before = line.session.line.surplus
     line.raw(data)
     assert line.session.line.surplus - before >= 900
-    assert line.session._stamp == pytest.approx(CLOCK_S + 1.999)
+    assert line.session._stamps.stamp == pytest.approx(CLOCK_S + 1.999)
 
 
 # --- odometry
@@ -732,7 +733,7 @@ def test_a_laser_that_is_tilted_is_not_heeded() -> None:
 def test_where_the_base_is_the_odometry_says() -> None:
     line = Line()
     line.ros2 = replace(line.ros2, base_frame="base_footprint")
-    line.session._base = "base_footprint"  # of another profile; the odometry is base_link's
+    line.session._sensors.mounting.base = "base_footprint"  # the odometry is base_link's
     line.open()
     line.say("/tf_static", mounted("laser", 0.05))
     line.scan([1.0])
