@@ -44,12 +44,11 @@ class Base:
     def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
         self.decoder = Decoder()
         self.clock_s = clock_s
-        self._ros2, self._limits = profile.ros2, profile.limits
+        self._profile, self._ros2 = profile, profile.ros2
         self._plant, self._name = plant, name
         self._wanted: frozenset[str] = frozenset()
         self._out = bytearray()
         self._now = self._heard_at = 0  # these and all times below in steps of the plant
-        self._idle = round(IDLE_S / plant.step_s)
         self._latency = round(profile.ros2.latency_s / plant.step_s)
         watchdog_s = profile.ros2.watchdog_s
         self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
@@ -63,7 +62,7 @@ class Base:
             (profile.ros2.battery, BATTERY_HZ, self._battery),
             (profile.ros2.hazards, HAZARDS_HZ, self._hazards),
         ]
-        self._laser, self._ring, self._pings = profile.laser, profile.sonar, 0
+        self._pings = 0
         if profile.sonar is not None:
             order = [i for i in profile.sonar.firing_order if i < len(profile.sonar.sonars)]
             topics = profile.ros2.sonar
@@ -87,7 +86,7 @@ class Base:
     @property
     def hangs_up(self) -> bool:
         """A client that wants something may stay as long as it likes, and no other."""
-        return not self._wanted and self._now - self._heard_at >= self._idle
+        return not self._wanted and self._now - self._heard_at >= round(IDLE_S / self._plant.step_s)
 
     @property
     def time_s(self) -> float:
@@ -155,7 +154,7 @@ class Base:
             twist = decode(types.Twist, payload)
         v, w = twist.linear.x, twist.angular.z
         if isfinite(v) and isfinite(w):
-            most, most_w = self._limits.v_max, self._limits.w_max
+            most, most_w = self._profile.limits.v_max, self._profile.limits.w_max
             v, w = min(max(v, -most), most), min(max(w, -most_w), most_w)
             v, w = _whole(v, self._ros2.v_step), _whole(w, self._ros2.w_step)
             self._commands.append((self._now + self._latency, v, w))
@@ -218,7 +217,7 @@ class Base:
 
     def _mounted(self) -> types.TFMessage:
         """Where its sensors sit, said once."""
-        base, ring, laser = self._ros2.base_frame, self._ring, self._laser
+        base, ring, laser = self._ros2.base_frame, self._profile.sonar, self._profile.laser
         sonars = () if ring is None else ring.sonars
         found = [self._transform(base, sonar.frame or "", sonar.place) for sonar in sonars]
         if laser is not None:
@@ -240,7 +239,7 @@ class Base:
 
     def _range(self, order: Sequence[int]) -> types.Range:
         """What the sonar says whose turn it is."""
-        ring = self._ring
+        ring = self._profile.sonar
         assert ring is not None, "or nothing would say so"
         index = order[self._pings % len(order)]
         self._pings += 1
@@ -256,14 +255,14 @@ class Base:
     def _hazards(self) -> types.HazardDetectionVector:
         """What it has felt since it last said so: its bumper; there are no cliffs here."""
         felt = []
-        if self.time_s - self._plant.pressed_s <= 1.0 / HAZARDS_HZ:
+        if self.time_s - self._plant.touches.pressed_s <= 1.0 / HAZARDS_HZ:
             where = types.Header(stamp=self._stamp(), frame_id="bump_front_center")
             felt.append(types.HazardDetection(header=where, type=types.BUMP))
         header = types.Header(stamp=self._stamp(), frame_id=self._ros2.base_frame)
         return types.HazardDetectionVector(header=header, detections=felt)
 
     def _scan(self) -> types.LaserScan:
-        laser = self._laser
+        laser = self._profile.laser
         assert laser is not None, "or nothing would say so"
         first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
         return types.LaserScan(

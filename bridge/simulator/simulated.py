@@ -111,10 +111,10 @@ class SimulatedRobot:
             theta=theta,
             v=v,
             w=w,
-            collisions=plant.collisions + plant.bumps,
+            collisions=plant.touches.collisions + plant.touches.bumps,
             clearance=clearance if isfinite(clearance) else None,
             simulator=self._name,
-            bumped=plant.bumps,
+            bumped=plant.touches.bumps,
             charge=plant.battery.charge,
             used=plant.battery.used_j,
         )

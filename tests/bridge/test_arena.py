@@ -86,8 +86,8 @@ def test_who_drives_into_another_pushes_it_and_is_to_blame() -> None:
     assert other.plant.pose[0] > 0.2, "it was pushed ahead"
     assert one.plant.pose[0] < other.plant.pose[0] - FRONT - REAR + 0.002
     assert least > -0.002, "and never entered"
-    assert (one.plant.collisions, one.plant.bumps) == (1, 0)
-    assert (other.plant.collisions, other.plant.bumps) == (0, 1)
+    assert (one.plant.touches.collisions, one.plant.touches.bumps) == (1, 0)
+    assert (other.plant.touches.collisions, other.plant.touches.bumps) == (0, 1)
 
 
 def test_head_on_both_stop_and_both_are_to_blame() -> None:
@@ -95,7 +95,7 @@ def test_head_on_both_stop_and_both_are_to_blame() -> None:
     least = run(together(one, other), (one, other), 8.0)
     assert least > -0.002
     assert abs(one.plant.pose[0] + other.plant.pose[0]) < 0.05, "neither gives way"
-    assert one.plant.collisions == other.plant.collisions == 1
+    assert one.plant.touches.collisions == other.plant.touches.collisions == 1
 
 
 def test_momentum_goes_over_when_one_hits_another() -> None:

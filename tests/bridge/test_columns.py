@@ -59,9 +59,9 @@ def test_a_column_is_touched_where_it_is_and_counted_once(aside: float) -> None:
     robot = among([(1.0, aside, 0.075)])
     for _ in range(800):
         robot.step(4.0, 4.0)
-        if robot.collisions:
+        if robot.touches.collisions:
             break
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
     assert robot.clearance() == pytest.approx(0.0, abs=0.002)
     front = robot.pose[0] + box_of(PROFILE).ahead + box_of(PROFILE).half_length
     over = max(aside - PROFILE.body.width_m / 2, 0.0)
@@ -72,7 +72,7 @@ def test_past_a_column_nothing_is_touched() -> None:
     robot = among([(1.0, PROFILE.body.width_m / 2 + 0.085, 0.075)])
     for _ in range(800):
         robot.step(4.0, 4.0)
-    assert robot.collisions == 0
+    assert robot.touches.collisions == 0
     assert robot.pose[0] > 1.5
 
 

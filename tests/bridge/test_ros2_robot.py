@@ -222,7 +222,7 @@ def test_its_bumper_is_in_front() -> None:
     bench.drive(-0.3, 0.0, 1.0)
     bench.heard.clear()
     bench.drive(-0.3, 0.0, 22.0)
-    assert bench.robot.plant.collisions == 2
+    assert bench.robot.plant.touches.collisions == 2
     assert felt(bench) == []
 
 
@@ -301,7 +301,7 @@ def test_a_wall_stops_it_and_is_counted() -> None:
     bench = Bench().want()
     bench.drive(0.5, 0.0, 8.0)
     plant = bench.robot.plant
-    assert plant.collisions == 1
+    assert plant.touches.collisions == 1
     assert plant.pose[0] == pytest.approx(3.0 - JACKAL.body.front_m, abs=0.02)
     assert abs(plant.speeds[0]) < 0.05
     bench.drive(-0.5, 0.0, 2.0)

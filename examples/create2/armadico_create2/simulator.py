@@ -123,7 +123,7 @@ class Controller:
     def _send(self) -> None:
         """One frame of the stream; the light bumpers flash in turn."""
         plant, interface = self._plant, self._profile.create2
-        if plant.charging and self._mode == SAFE_MODE:
+        if plant.battery.charging and self._mode == SAFE_MODE:
             self._mode, self._speeds = PASSIVE_MODE, (0.0, 0.0)
         turn = self._frames % len(LIGHTS)
         self._frames += 1
@@ -134,9 +134,9 @@ class Controller:
             round(ticks / TICKS_PER_M * interface.counts_per_m) for ticks in plant.encoder_counts
         )
         values = dict.fromkeys(PACKETS, 0) | {
-            7: 0b11 if self.time_s - plant.pressed_s <= FELT_S else 0,
-            22: round(1e3 * plant.battery_v),
-            34: 2 if plant.charging else 0,
+            7: 0b11 if self.time_s - plant.touches.pressed_s <= FELT_S else 0,
+            22: round(1e3 * plant.battery.volts),
+            34: 2 if plant.battery.charging else 0,
             35: self._mode,
             43: (left + 0x8000) % 0x10000 - 0x8000,
             44: (right + 0x8000) % 0x10000 - 0x8000,

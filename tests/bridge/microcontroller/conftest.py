@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from importlib.resources import files
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -34,8 +35,7 @@ class Lagging:
         self.v = self.w = 0.0
         self.odometry = (0.0, 0.0, 0.0)
         self.encoder_counts = (12, -34)
-        self.battery_v = 12.7
-        self.charging = False
+        self.battery = SimpleNamespace(volts=12.7, charging=False)
         self.blocked = False
         self.pings: list[int] = []
         self.echo: float | None = 1.5

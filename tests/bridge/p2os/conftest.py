@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from importlib.resources import files
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -18,8 +19,7 @@ class Kinematic:
     """Voltages are wheel speeds; the world is a wall 2 m away."""
 
     step_s = 0.005
-    battery_v = 12.7
-    charging = False
+    battery = SimpleNamespace(volts=12.7, charging=False)
     encoder_counts = (0, 0)
     half_track = 0.1689
 
