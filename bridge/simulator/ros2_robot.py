@@ -64,13 +64,13 @@ class Base:
         ]
         self._pings = 0
         if profile.sonar is not None:
-            order = [i for i in profile.sonar.firing_order if i < len(profile.sonar.sonars)]
+            order = profile.sonar.firing_order
             topics = profile.ros2.sonar
             turn_hz = 1.0 / (profile.sonar.period_s * len(order))
             if len(topics) == 1:
                 rates.append((topics[0], turn_hz * len(order), partial(self._range, order)))
             else:
-                rates += [(topics[i], turn_hz, partial(self._range, [i])) for i in order]
+                rates += [(topics[i], turn_hz, partial(self._range, (i,))) for i in order]
         if profile.laser is not None:
             rates.append((profile.ros2.scan, profile.laser.rate_hz, self._scan))
         self._topics = [
