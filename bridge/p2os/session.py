@@ -18,11 +18,8 @@ from armadico.bridge.counting import Counts, Ration
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
-    ENCODER,
     Configuration,
-    Encoders,
     decode_configuration,
-    decode_encoders,
     decode_texts,
 )
 from armadico.bridge.p2os.handshake import (
@@ -60,7 +57,7 @@ class Reported(Neutral, frozen=True, kw_only=True):
     status: Status
 
 
-Event = Connected | Unfit | Configuration | Reported | Encoders | LinkLost | Unanswered
+Event = Connected | Unfit | Configuration | Reported | LinkLost | Unanswered
 
 _SIGNALS = {
     0x00: Signal.ECHO0,
@@ -225,17 +222,6 @@ class Session:
         if self.is_open and not self._out and not self._speeds:
             self._out += command(Cmd.PULSE)
 
-    def enable(self) -> None:
-        """Switch the motors on; a person at the robot may have switched them off."""
-        if self.is_open:
-            self._out += command(Cmd.ENABLE, 1)
-
-    def reset_odometry(self) -> None:
-        """Set the controller's odometry to zero; the continuous pose goes on from where it is."""
-        if self.is_open:
-            self._out += command(Cmd.SETO)
-            self.odometry.rebase()
-
     def restart(self, now: float) -> list[Event]:
         """Begin again at the handshake: the transport was opened again."""
         self._advance(now)
@@ -312,8 +298,6 @@ class Session:
         elif kind == CONFIG:
             self._setup.configured = True
             self._events.append(decode_configuration(payload))
-        elif kind == ENCODER:
-            self._events.append(decode_encoders(payload))
 
     def _reported(self, status: Status) -> Reported:
         left, right = status.left_m_s, status.right_m_s

@@ -163,10 +163,6 @@ class Plant:
         self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
 
-    def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
-        """One more wall, m."""
-        self.add_walls([(x1, y1, x2, y2)])
-
     def meet(self, others: Sequence[Body]) -> None:
         """Be in one world with other robots; whoever brings them all forward says `look_around`."""
         self._company = Company(self._walls, others)

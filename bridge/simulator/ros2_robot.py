@@ -21,7 +21,7 @@ from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.ros2.profile import Ros2Robot, Topic
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.robots import Stage
-from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico.bridge.simulator.simulated import Controller, SimulatedRobot
 from armadico.mobile.geometry import Pose2
 
 IDLE_S = 10.0
@@ -31,8 +31,8 @@ BATTERY_HZ = 1.0
 HAZARDS_HZ = 20.0
 
 
-class Base:
-    """The base on its simulated robot; nothing happens between two steps of the plant.
+class Base(Controller):
+    """The base on its simulated robot.
 
     A laser's scan is taken in one instant, which is its stamp.
 
@@ -42,13 +42,13 @@ class Base:
     """
 
     def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
+        super().__init__(plant)
         self.decoder = Decoder()
         self.clock_s = clock_s
         self._profile, self._ros2 = profile, profile.ros2
-        self._plant, self._name = plant, name
+        self._name = name
         self._wanted: frozenset[str] = frozenset()
-        self._out = bytearray()
-        self._now = self._heard_at = 0  # these and all times below in steps of the plant
+        self._heard_at = 0  # these and all times below in steps of the plant
         self._latency = round(profile.ros2.latency_s / plant.step_s)
         watchdog_s = profile.ros2.watchdog_s
         self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
@@ -88,16 +88,6 @@ class Base:
         """A client that wants something may stay as long as it likes, and no other."""
         return not self._wanted and self._now - self._heard_at >= round(IDLE_S / self._plant.step_s)
 
-    @property
-    def time_s(self) -> float:
-        """Simulation time reached, s."""
-        return self._now * self._plant.step_s
-
-    @property
-    def next_status_s(self) -> float:
-        """When it next says something, s of simulation."""
-        return self._next_said() * self._plant.step_s if self._wanted else inf
-
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote, at the time reached; what is none of it is passed over."""
         for topic, payload in self.decoder.feed(data, self.time_s):
@@ -109,25 +99,6 @@ class Base:
                     self._command(payload)
             except ValueError:
                 continue
-
-    def advance(self, now_s: float) -> bytes:
-        """Let the simulation run on to `now_s`, and return what is to be sent to the client."""
-        until = int(now_s / self._plant.step_s + 1e-6)
-        while self._now < until:
-            stop = self._next_event(until)
-            if self._trips <= self._now:
-                self._set, self._trips = (0.0, 0.0), inf
-            v, w = self._set
-            self._plant.run(stop - self._now, lambda _v, _w, v=v, w=w: (v, w))  # type: ignore[misc]
-            self._now = stop
-            while self._commands and self._commands[0][0] <= stop:
-                _, *speeds = self._commands.popleft()
-                self._set = (speeds[0], speeds[1])
-                self._trips = stop + self._patience
-            self._publish()
-        data = bytes(self._out)
-        self._out.clear()
-        return data
 
     def disconnect(self) -> None:
         """The client is gone, or is a new one: nobody wants anything. The watchdog stops it."""
@@ -159,8 +130,7 @@ class Base:
             v, w = _whole(v, self._ros2.v_step), _whole(w, self._ros2.w_step)
             self._commands.append((self._now + self._latency, v, w))
 
-    def _next_said(self) -> int:
-        """The step in which it next says something that is wanted."""
+    def _next_report(self) -> int:
         return min(
             (
                 -int(-(count + 1) // per_step)
@@ -173,15 +143,25 @@ class Base:
     def _next_event(self, until: int) -> int:
         """The step up to which nothing but motion happens."""
         if self._wanted:
-            until = min(until, max(self._next_said(), self._now + 1))
+            until = min(until, max(self._next_report(), self._now + 1))
         if self._commands:
             until = min(until, max(self._commands[0][0], self._now + 1))
         if self._now < self._trips < until:
             until = int(self._trips)
         return until
 
-    def _publish(self) -> None:
-        """All that is due by now, once."""
+    def _move(self, steps: int) -> None:
+        if self._trips <= self._now:
+            self._set, self._trips = (0.0, 0.0), inf
+        v, w = self._set
+        self._plant.run(steps, lambda _v, _w: (v, w))
+
+    def _report(self) -> None:
+        """Obey the commands whose time has come, and publish all that is due, once."""
+        while self._commands and self._commands[0][0] <= self._now:
+            _, *speeds = self._commands.popleft()
+            self._set = (speeds[0], speeds[1])
+            self._trips = self._now + self._patience
         for index, (name, per_step, say) in enumerate(self._topics):
             due = int(self._now * per_step + 1e-9)
             if due > self._counts[index]:

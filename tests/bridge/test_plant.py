@@ -253,7 +253,7 @@ def test_a_robot_set_down_in_a_wall_is_pushed_out() -> None:
 def test_walls_can_be_added_while_it_drives() -> None:
     robot = plant()
     drive(robot, 0.5, 0.0, 1.0)
-    robot.add_segment(1.0, -1.0, 1.0, 1.0)
+    robot.add_walls([(1.0, -1.0, 1.0, 1.0)])
     drive(robot, 0.5, 0.0, 4.0)
     assert robot.blocked
     assert robot.pose[0] + FRONT == pytest.approx(1.0, abs=PENETRATION_M)
