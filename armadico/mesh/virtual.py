@@ -28,27 +28,15 @@ from armadico.core.agent import Agent, AskFor, Identity
 from armadico.core.messages import Message
 from armadico.core.services import matches, service_of
 from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
-from armadico.mesh.virtual_clock import Scheduler
-from armadico.mesh.virtual_device import Device, Ports
+from armadico.mesh.virtual_device import Ports
 from armadico.mesh.virtual_liveliness import LIVELINESS, Liveliness
-from armadico.mesh.virtual_network import Clock, Link, Way
+from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_node import Node
-from armadico.mesh.virtual_place import CLIENT, Place, Route, Step, address
+from armadico.mesh.virtual_place import CLIENT, Device, Network, Place, Route, address
 from armadico.mesh.virtual_queries import Queries, sendable
 from armadico.mesh.virtual_star import Star
 
-__all__ = [
-    "CLIENT",
-    "LEASE",
-    "LIVELINESS",
-    "RECONNECT",
-    "Device",
-    "Node",
-    "Place",
-    "Step",
-    "VirtualMesh",
-    "address",
-]
+__all__ = ["LEASE", "LIVELINESS", "RECONNECT", "Device", "Node", "VirtualMesh", "address"]
 
 LEASE = 1.0
 """Lease: who is unreachable for so long, s, by a cut or a hang, is taken for gone."""
@@ -59,7 +47,7 @@ RECONNECT = (0.2, 0.5)
 Watcher = Callable[[str, Message, float], None]
 
 
-class VirtualMesh(Scheduler):
+class VirtualMesh(Network):
     """The network between the places on it, under its own clock."""
 
     def __init__(
@@ -79,17 +67,12 @@ class VirtualMesh(Scheduler):
             reconnect: How long it then takes to find each other again, s: from, to.
         """
         super().__init__(seed, ties)
-        self.refused: Callable[[Node], None] | None = None  # told of who may not join, or stay
         self.joined: Callable[[Node], None] | None = None  # told of each node that is added
-        self.head: Callable[[Agent], bytes] | None = None  # begins the journals, if any are kept
-        self.nodes: list[Node] = []  # the processes of agents,
-        self.places: list[Place] = []  # and the guests' too
+        self.nodes: list[Node] = []  # the processes of agents
         self.liveliness = Liveliness(self, lease, reconnect)
         self.star = Star(self, reconnect)
         self.queries = Queries(self)
         self.ports = Ports(self)
-        self._links: dict[Way, Link] = {}
-        self._routes: dict[Way, list[Route]] = {}  # by namespace and key; made when needed
         self._watchers: dict[tuple[str, type[Message]], list[Watcher]] = {}
 
     # Building ------------------------------------------------------------------------------------
@@ -157,17 +140,6 @@ class VirtualMesh(Scheduler):
                 return node
         raise KeyError(name)
 
-    # Sending -------------------------------------------------------------------------------------
-
-    def later(self, source: Place | str, target: Place, call: Step, a: Any, b: Any = None) -> None:
-        """Have something called once it has come over the network, if it does."""
-        sender = source if isinstance(source, str) else source.address
-        if not isinstance(source, str) and not self.star.passes(source, target, (call, a, b)):
-            return
-        at = self.link(sender, target.address).arrival(self.now)
-        if at is not None:
-            self.call_at(at, call, a, b)
-
     # Publications --------------------------------------------------------------------------------
 
     def publish(
@@ -205,9 +177,6 @@ class VirtualMesh(Scheduler):
                 if matches(rooted(place.namespace, pattern), where)
             ]
         return routes
-
-    def forget_routes(self) -> None:
-        self._routes.clear()
 
     def spread(
         self,
@@ -272,23 +241,7 @@ class VirtualMesh(Scheduler):
         asking = AskFor(0, service.key, request, service.reply, timeout)
         self.queries.put_first(None, asking, then, namespace)
 
-    def others(self, place: Place | None, namespace: str = DEFAULT_NAMESPACE) -> list[Place]:
-        """All others of a place's namespace who are alive, or of the one that is named."""
-        namespace = namespace if place is None else place.namespace
-        return [
-            other
-            for other in self.places
-            if other.alive and other is not place and other.namespace == namespace
-        ]
-
     # Faults --------------------------------------------------------------------------------------
-
-    def link(self, source: str, target: str) -> Link:
-        """The network from one agent to another, to be cut, slowed or made to lose."""
-        link = self._links.get((source, target))
-        if link is None:
-            link = self._links[source, target] = Link(self.stream(f"link/{source}/{target}"))
-        return link
 
     def cut(self, sources: Sequence[str], targets: Sequence[str], *, lease: bool = False) -> None:
         """What some agents publish no longer reaches others; both by name (`Liveliness.cut`)."""

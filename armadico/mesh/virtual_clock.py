@@ -8,7 +8,8 @@ from collections.abc import Callable
 from math import inf
 from typing import Any
 
-from armadico.mesh.virtual_place import Step
+Step = Callable[[Any, Any], None]
+"""What happens at a time."""
 
 
 class Scheduler:

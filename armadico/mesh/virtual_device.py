@@ -3,30 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Any
 
-from armadico.mesh.virtual_place import address
-
-if TYPE_CHECKING:
-    from armadico.mesh.virtual import VirtualMesh
-    from armadico.mesh.virtual_node import Node
-
-DEVICE: Final = "device"
-"""The name of what is behind a device agent's port, as links have it."""
-
-
-class Device(Protocol):
-    """What stands behind a device agent's port in memory: bytes and the time in, bytes out."""
-
-    def receive(self, data: bytes, now: float) -> None:
-        """Bytes from the agent."""
-
-    def advance(self, now: float) -> bytes:
-        """Live up to this time; what it says meanwhile."""
-
-    @property
-    def due(self) -> float:
-        """When it next has something to say, s."""
+from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual_place import DEVICE, Device, Network, address
 
 
 @dataclass
@@ -40,7 +20,7 @@ class Port:
 class Ports:
     """All devices, and the bytes between them and their nodes."""
 
-    def __init__(self, mesh: VirtualMesh) -> None:
+    def __init__(self, mesh: Network) -> None:
         self._mesh = mesh
         self._ports: list[Port] = []
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from armadico.mesh.virtual_network import Way
 from armadico.mesh.virtual_node import LOOK_AGAIN, Node
-from armadico.mesh.virtual_place import Place
-
-if TYPE_CHECKING:
-    from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_place import Network, Place
 
 LIVELINESS: Final = 0.003
 """How long after a process is killed the others hear of it, s: the socket closes at once."""
@@ -25,7 +22,7 @@ class Liveliness:
     has healed, or it has woken, it is linked again.
     """
 
-    def __init__(self, mesh: VirtualMesh, lease: float, reconnect: tuple[float, float]) -> None:
+    def __init__(self, mesh: Network, lease: float, reconnect: tuple[float, float]) -> None:
         self._mesh = mesh
         self._lease = lease
         self._reconnects = reconnect

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
@@ -12,12 +12,9 @@ from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
 from armadico.core.messages import JournalPiece, Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, matches
-from armadico.mesh.virtual_device import Device
+from armadico.mesh.virtual_clock import Step
 from armadico.mesh.virtual_network import Clock
-from armadico.mesh.virtual_place import Place, Step
-
-if TYPE_CHECKING:
-    from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_place import Device, Network, Place
 
 LOOK_AGAIN: Final = 0.02
 """How often a wake-up tries whether a process that hangs or is busy can take it, s."""
@@ -35,7 +32,7 @@ class Node(Place):
     def __init__(
         self,
         agent: Agent,
-        mesh: VirtualMesh,
+        mesh: Network,
         device: Device | None,
         clock: Clock | None,
         admit: bool,

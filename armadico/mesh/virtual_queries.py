@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from armadico.core.agent import AskFor
 from armadico.core.messages import Message, MessageError, checked
 from armadico.mesh.topology import DEFAULT_NAMESPACE
-from armadico.mesh.virtual_place import CLIENT, Place
-
-if TYPE_CHECKING:
-    from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_place import CLIENT, Network, Place
 
 
 @dataclass
@@ -26,7 +23,7 @@ class Query:
 class Queries:
     """The queries that wait for replies."""
 
-    def __init__(self, mesh: VirtualMesh) -> None:
+    def __init__(self, mesh: Network) -> None:
         self._mesh = mesh
         self._waiting: dict[int, Query] = {}
         self._asked = 0

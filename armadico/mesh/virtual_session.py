@@ -11,7 +11,9 @@ from armadico.core.messages import M, Message, encode
 from armadico.core.services import matches
 from armadico.mesh.base import Bell, Call, Reader, Receiver
 from armadico.mesh.topology import DEFAULT_NAMESPACE, MeshError
-from armadico.mesh.virtual import CLIENT, Place, Step, VirtualMesh
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_clock import Step
+from armadico.mesh.virtual_place import CLIENT, Place
 
 
 class VirtualSession(Place):

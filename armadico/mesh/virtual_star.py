@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import Any, TypeGuard
 
 from armadico.mesh.topology import DEFAULT_NAMESPACE
-from armadico.mesh.virtual_device import DEVICE
+from armadico.mesh.virtual_clock import Step
 from armadico.mesh.virtual_network import Way
 from armadico.mesh.virtual_node import Node
-from armadico.mesh.virtual_place import Place, Step
-
-if TYPE_CHECKING:
-    from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_place import DEVICE, Network, Place
 
 
 class Star:
@@ -23,7 +20,7 @@ class Star:
     the next one again and again.
     """
 
-    def __init__(self, mesh: VirtualMesh, reconnect: tuple[float, float]) -> None:
+    def __init__(self, mesh: Network, reconnect: tuple[float, float]) -> None:
         self.troubled = False  # whether anything has gone wrong yet: before, all reach all
         self._mesh = mesh
         self._reconnects = reconnect

@@ -7,26 +7,31 @@ asks what has come of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from math import hypot
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from armadico.bridge.simulator.moving import STEP_S as STRETCH_S
-from armadico.bridge.simulator.plant import STEP_S
-
-if TYPE_CHECKING:
-    from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico.bridge.simulator.plant import STEP_S, Plant
 
 NEAR_M = 0.3
 """Nearer than this, corner to corner, they go step by step: at 1.5 m/s each they come half as far
 in a stretch."""
 
 
+class Robot(Protocol):
+    plant: Plant
+    bring_forward: Callable[[float], None]
+
+    def live(self, now: float) -> None:
+        """Live up to a time, s of simulation, whoever else is there."""
+
+
 class Arena:
     """One world, and the robots in it."""
 
-    def __init__(self, robots: Sequence[SimulatedRobot]) -> None:
+    def __init__(self, robots: Sequence[Robot]) -> None:
         """Put them there, each where it stands. Raises ValueError if one stands in something."""
         self._robots = tuple(robots)
         self._steps = 0  # of the physics, that all have lived

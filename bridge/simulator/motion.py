@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import pi, remainder, tau
-from typing import TYPE_CHECKING
 
 from armadico.bridge.p2os.commands import Cmd, Command
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.motion_profile import Axis
-
-if TYPE_CHECKING:
-    from armadico.bridge.simulator.plant import Plant
-    from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.speed_loops import SpeedLoops
 
 TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180
@@ -22,9 +19,6 @@ V_ACCEL_TOP = 2.0  # m/s^2, a P3-DX's; ARIA sends no SETA to a controller whose 
 W_ACCEL_TOP = 300 * pi / 180  # rad/s^2, a P3-DX's
 STALL_SHARE = 0.4  # of the supply: a motor that gets more and is held is stalled (StallVal; chosen)
 STALL_S = 0.2  # a stalled motor is off for so long (StallCount; chosen)
-
-Driver = Callable[[float, float], tuple[float, float]]
-"""Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
 
 
 class Motion:

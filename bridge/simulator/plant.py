@@ -23,7 +23,6 @@ from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.kinematics import Kinematics
 from armadico.bridge.simulator.laser import LaserScanner
-from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
@@ -43,6 +42,9 @@ PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
 PRESSED_M = 0.002  # a bumper gives by more than what is left between body and wall
 PUSHING_M_S = 0.02  # who goes slower into another robot is run into, and runs into nobody
+
+Driver = Callable[[float, float], tuple[float, float]]
+"""Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
 
 Streams = Callable[[str], Random]
 """A random stream of one's own for a name; the same name gives the same numbers."""

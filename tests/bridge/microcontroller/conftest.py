@@ -21,7 +21,7 @@ from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.motion import Driver
+from armadico.bridge.simulator.plant import Driver
 from armadico.bridge.simulator.traps import KIND, Trap
 
 

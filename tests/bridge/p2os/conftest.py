@@ -12,7 +12,7 @@ import pytest
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import Event, Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.motion import Driver
+from armadico.bridge.simulator.plant import Driver
 
 
 class Kinematic:

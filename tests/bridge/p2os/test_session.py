@@ -297,8 +297,8 @@ def test_a_transport_opened_again_begins_again(session: Session) -> None:
 
 def test_packets_with_good_checksums_and_bad_contents_are_counted(session: Session) -> None:
     opened(session)
-    assert session.receive(encode(b"\x32\x00") + encode(b"\x90"), 0.1) == []
-    assert session.line.malformed == 2
+    assert session.receive(encode(b"\x32\x00"), 0.1) == []
+    assert session.line.malformed == 1
 
 
 def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:
