@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, inf, pi
+from math import inf, pi
 from typing import Any, cast
 
 import pytest
 
 from armadico.bridge.simulator.arena import Arena
-from armadico.bridge.simulator.company import Company
 from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.plant import STEP_S
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 
-from .test_plant import AHEAD, FRONT, PROFILE, REAR, ROOM, SIDE, plant
+from .test_plant import AHEAD, FRONT, PROFILE, REAR, ROOM, plant
 
 Pose = tuple[float, float, float]
 
@@ -151,11 +150,3 @@ def test_alone_in_an_arena_is_alone() -> None:
 def test_nobody_starts_in_another() -> None:
     with pytest.raises(ValueError, match="cannot start at 0, 0"):
         together(Driven((0.0, 0.0, 0.0)), Driven((0.2, 0.0, 0.0)))
-
-
-def test_far_robots_are_within_reach_of_nobody() -> None:
-    one, other = Driven((-1.0, 0.0, 0.0)), Driven((2.0, 0.0, 0.0))
-    together(one, other)
-    assert isinstance(one.plant._company, Company)
-    assert apart(one, other) == inf
-    assert hypot(FRONT, SIDE) < 1.0

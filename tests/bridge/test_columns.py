@@ -6,28 +6,22 @@ from math import cos, hypot, inf, radians, sin
 from random import Random
 
 import pytest
-from msgspec.structs import replace
 
 from armadico.bridge.simulator.contact import box_of
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.walls import Box, Column, Surface, Walls
 from armadico.config.errors import ConfigError
-from armadico.config.loading import find, load_entry
 from armadico.config.maps import parse_map
 from armadico.config.mapwriter import format_map
-from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.profile import SensorProfile
 from armadico.config.worlds import World, sides
+from tests.bridge.kit import EXACT, PROFILE, REAL
 
-PROFILE = load_profile("pioneer-2dx")
-IDEAL, REAL = (
-    load_entry(find("robots", "sensors"), SensorProfile, name) for name in ("ideal", "real")
-)
-NOISELESS = replace(IDEAL, sonar_noise_m=0.0, dropout=0.0)
 ROUGH = Surface(cos(radians(60.0)), 0.0)
 AHEAD = 3  # the sonar: at 0.166, 0.027 m, 10 degrees to the left
 
 
-def among(columns: list[Column], sensors: SensorProfile = NOISELESS) -> Plant:
+def among(columns: list[Column], sensors: SensorProfile = EXACT) -> Plant:
     return Plant(PROFILE, sensors, Site(columns=columns), seeded(1))
 
 
@@ -80,7 +74,7 @@ def test_an_echo_of_a_column_is_of_its_nearest_edge() -> None:
     sonar = PROFILE.sonar.sonars[AHEAD]
     bearing = radians(sonar.bearing_deg)
     x, y = sonar.x_m + 1.5 * cos(bearing), sonar.y_m + 1.5 * sin(bearing)
-    for sensors in (NOISELESS, REAL):
+    for sensors in (EXACT, REAL):
         heard = [among([(x, y, 0.2)], sensors).ping(AHEAD) for _ in range(1)]
         assert heard[0] is None or heard[0] == pytest.approx(1.3, abs=0.06)
     assert among([(x, y, 0.2)]).ping(AHEAD) == pytest.approx(1.3, abs=0.001)

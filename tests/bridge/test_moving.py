@@ -9,21 +9,18 @@ from math import dist, hypot, inf, pi
 import msgspec
 import pytest
 
-from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, Movement, pushed
+from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, pushed
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.walls import Wall
 from armadico.cli import sim as command
 from armadico.cli.options import UsageError
-from armadico.config.loading import find, load_entry
 from armadico.config.moving import Moving
-from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.processes import simulator_words
+from tests.bridge.kit import IDEAL, PROFILE, REAL
 
-PROFILE = load_profile("pioneer-2dx")
-IDEAL, REAL = (load_entry(find("robots", "sensors"), SensorProfile, n) for n in ("ideal", "real"))
 FRONT = PROFILE.body.front_m
 Moves = Callable[[float, float], tuple[float, float]]
 ROOM: list[Wall] = [(-3, -3, 4, -3), (4, -3, 4, 3), (4, 3, -3, 3), (-3, 3, -3, -3)]
@@ -265,11 +262,6 @@ def test_what_moves_comes_from_the_seed_and_steps_in_one_go_are_those_one_by_one
             singly.step(5.0, 4.0)
         assert (at_once.pose, person(at_once)) == (singly.pose, person(singly))
     assert walked(1) == walked(1) != walked(2)
-
-
-def test_a_world_in_which_nothing_moves_has_no_movement() -> None:
-    assert plant()._movement is None
-    assert isinstance(plant(walker(2.0, 2.0))._movement, Movement)
 
 
 def test_a_live_simulator_is_told_what_moves() -> None:

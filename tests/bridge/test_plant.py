@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
-from importlib.resources import files
 from math import cos, degrees, hypot, inf, pi, radians, sin
 from random import Random
 
 import msgspec
 import pytest
 
-from armadico.bridge.p2os.profile import P2osRobot
-from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
@@ -20,18 +16,10 @@ from armadico.bridge.simulator.walls import Wall
 from armadico.config.errors import ConfigError
 from armadico.config.profile import SensorProfile
 from armadico.mobile.geometry import Pose2, compose
+from tests.bridge.kit import HOME, IDEAL, PROFILE, REAL
 
-
-def config(name: str) -> dict[str, object]:
-    return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
-
-
-PROFILE = msgspec.convert(config("pioneer-2dx"), P2osRobot)
-IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
-REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
 FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.width_m / 2
 PENETRATION_M = 0.001  # no corner is ever farther behind a wall
-HOME = (0.0, 0.0, 0.0)
 AHEAD = 3  # the sonar
 DOCK = (2.0, -1.0, pi / 2)
 ROOM = [
@@ -278,35 +266,6 @@ def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(ask: in
         assert lazy.pose == eager.pose
     assert (lazy.touches.collisions, lazy.odometry) == (eager.touches.collisions, eager.odometry)
     assert lazy.touches.collisions > 2
-
-
-def test_far_from_walls_pymunk_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = plant(ROOM)
-    asked: list[Pose2] = []
-    contacts = robot._outline.contacts
-
-    def noted(pose: Pose2) -> list[Contact]:
-        asked.append(pose)
-        return contacts(pose)
-
-    monkeypatch.setattr(robot._outline, "contacts", noted)
-    for k in range(200):
-        if k % 20 == 0:
-            robot.clearance()
-        robot.step(4.0, 4.0)
-    assert robot.clearance() > 0.5
-    assert asked == []
-    for _ in range(900):
-        robot.step(8.0, 8.0)
-    assert asked
-    assert robot.touches.collisions == 1
-    for k in range(600):
-        robot.step(-4.0, -4.0)
-        if k == 200:
-            robot.clearance()
-            asked.clear()
-    assert robot.clearance() > 0.5
-    assert len(asked) < 40  # in 400 steps
 
 
 # Motion and its measures ------------------------------------------------------------------------

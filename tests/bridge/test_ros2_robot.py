@@ -18,27 +18,15 @@ from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.ros2_line import published
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
-from armadico.config.loading import find, load_entry
-from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.profile import SensorProfile
+from tests.bridge.kit import BURGER, CREATE3, IDEAL, JACKAL, REAL, SONARS
 
-IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
-REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
 HALL = [
     (-3.0, -3.0, 3.0, -3.0),
     (3.0, -3.0, 3.0, 3.0),
     (3.0, 3.0, -3.0, 3.0),
     (-3.0, 3.0, -3.0, -3.0),
 ]
-
-
-def profile_of(name: str) -> Ros2Robot:
-    profile = load_profile(name)
-    assert isinstance(profile, Ros2Robot)
-    return profile
-
-
-JACKAL, BURGER = profile_of("jackal"), profile_of("turtlebot3-burger")
-SONARS, CREATE3 = profile_of("jackal-sonars"), profile_of("create3")
 
 
 class Bench:

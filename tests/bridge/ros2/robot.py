@@ -11,17 +11,8 @@ from armadico.bridge.ros2.frames import WANTS, Decoder, Wants, frame, read
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import UNWATCHED, Session
 from armadico.bridge.session import Differs, Noted, Reported
-from armadico.config.profile import load_profile
+from tests.bridge.kit import BURGER
 
-
-def profile_of(name: str) -> Ros2Robot:
-    profile = load_profile(name)
-    assert isinstance(profile, Ros2Robot)
-    return profile
-
-
-BURGER, JACKAL = profile_of("turtlebot3-burger"), profile_of("jackal")
-SONARS, CREATE3 = profile_of("jackal-sonars"), profile_of("create3")
 CLOCK_S = 1_700_000_000.0
 """The robot's clock when ours is at 0."""
 
