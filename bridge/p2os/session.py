@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf
 
 from armadico.bridge.counting import Counts, Ration
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
@@ -32,7 +31,7 @@ from armadico.bridge.p2os.handshake import (
 )
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
-from armadico.bridge.p2os.profile import P2osUnits
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.bridge.session import Connected, LinkLost, Unanswered, Unfit
 from armadico.bridge.session import Reported as Neutral
@@ -105,26 +104,18 @@ class Session:
     """
 
     def __init__(
-        self,
-        units: P2osUnits,
-        now: float,
-        limits: Limits | None = None,
-        near: tuple[float, float] = (0.0, 0.0),
-        half_track_m: float | None = None,
+        self, profile: P2osRobot, now: float, near: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        """Begin at time `now` (s, any clock); without `limits` the controller's own stand.
+        """Begin at time `now` (s, any clock).
 
-        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m. Without
-        `half_track_m` the controller's conversion factor stands for it.
+        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
         """
         self.state = State.CLOSED
         self._ration = Ration()  # of status packets
         self.decoder, self.counts = Decoder(), Counts()
-        self.odometry = Odometry(units, near)
+        self.odometry = Odometry(profile.p2os, near)
         self.held = False
-        self._profile_units = self._units = units
-        self._half_track = half_track_m or 1e-3 / units.diff_conv
-        self._limits = limits
+        self._profile, self._units = profile, profile.p2os
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
         self._events: list[Event] = []
@@ -272,7 +263,7 @@ class Session:
 
     def _named(self, name: str, class_name: str, subclass: str) -> Signal:
         """Whether the profile fits the controller that names itself so; its factors count."""
-        units = self._profile_units.of(class_name, subclass)
+        units = self._profile.p2os.of(class_name, subclass)
         if units is None:
             self._events.append(Unfit(name, class_name, subclass))
             return Signal.MISFIT
@@ -304,7 +295,7 @@ class Session:
         return Reported(
             pose=self.odometry.update(status, self._now),
             v=0.5 * (left + right),
-            w=0.5 * (right - left) / self._half_track,
+            w=0.5 * (right - left) / self._profile.body.half_track_m,
             battery_v=status.battery_v,
             charging=status.charging,
             motors=status.motors_enabled,
@@ -345,17 +336,15 @@ class Session:
             self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
-        self._out += _opening(motors=not self.held) + _limits(self._limits)
+        self._out += _opening(motors=not self.held) + _limits(self._profile.limits)
         self._fruitless += 1
         self._attempts = 0
         self._setup = Setup(self._now + ASK_AGAIN_S)
 
     def _fastest(self) -> float:
         """No rim of a wheel is faster, m/s."""
-        limits = self._limits
-        if limits is None:
-            return inf
-        return ABSURD * (limits.v_max + limits.w_max / (self._profile_units.diff_conv * 1e3))
+        limits, units = self._profile.limits, self._profile.p2os
+        return ABSURD * (limits.v_max + limits.w_max / (units.diff_conv * 1e3))
 
     def _drain_events(self) -> list[Event]:
         events, self._events = self._events, []
@@ -378,11 +367,9 @@ def _opening(*, motors: bool) -> bytes:
     return command(Cmd.OPEN) + ZERO + enable + command(Cmd.SONAR, 1)
 
 
-def _limits(limits: Limits | None) -> bytes:
-    """What follows then: the profile's limits, if they are to count, and CONFIG."""
-    packets = b""
-    if limits is not None:
-        packets += quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
-        packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)
-        packets += quantity(Cmd.SETRA, limits.w_accel) + quantity(Cmd.SETRA, -limits.w_decel)
+def _limits(limits: Limits) -> bytes:
+    """What follows then: the profile's limits, and CONFIG."""
+    packets = quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
+    packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)
+    packets += quantity(Cmd.SETRA, limits.w_accel) + quantity(Cmd.SETRA, -limits.w_decel)
     return packets + command(Cmd.CONFIG, 1)

@@ -25,7 +25,7 @@ class Link:
 
     def new_session(self) -> Session:
         """A client just started."""
-        self.session = Session(self.profile.p2os, self.now, self.profile.limits)
+        self.session = Session(self.profile, self.now)
         return self.session
 
     def let_pass(self, seconds: float, *, client: bool = True) -> list[Event]:

@@ -38,7 +38,7 @@ CLOSE = command(Cmd.CLOSE)
 
 @pytest.fixture
 def session(profile: P2osRobot) -> Session:
-    return Session(profile.p2os, 0.0, profile.limits)
+    return Session(profile, 0.0)
 
 
 def status(profile: P2osRobot, **fields: object) -> bytes:
@@ -92,16 +92,6 @@ def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session:
         (Cmd.SETRA, -100),
         (Cmd.CONFIG, 1),
     ]
-
-
-def test_without_limits_the_controllers_own_stand(profile: P2osRobot) -> None:
-    session = Session(profile.p2os, 0.0)
-    for answer in (SYNC0, SYNC1):
-        session.receive(answer, 0.0)
-    session.outgoing()
-    session.receive(NAMES, 0.0)
-    numbers = {number for number, _ in sent(session)}
-    assert not numbers & {Cmd.SETV, Cmd.SETA, Cmd.SETRV, Cmd.SETRA}
 
 
 def test_nothing_is_asked_of_a_robot_before_the_link_is_open(session: Session) -> None:
