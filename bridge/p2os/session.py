@@ -96,7 +96,7 @@ class Setup:
 
 
 class Session:
-    """One client's dealings with one controller, from SYNC0 to CLOSE and again.
+    """One client's dealings with one controller, from SYNC0 to CLOSE and again: a `bridge.session`.
 
     Attributes:
         state: What the session waits for.
@@ -128,30 +128,25 @@ class Session:
 
     @property
     def is_open(self) -> bool:
-        """Whether speeds that are asked for reach the robot."""
         return self.state is State.OPEN
 
     @property
     def motors_due(self) -> bool:
-        """Whether motors that are off were switched off at the robot, or held off there."""
         setup = self._setup
         return self.is_open and (self.held or setup.enabled or setup.due is None)
 
     @property
     def line(self) -> Line:
-        """What was wrong on the line so far."""
         return self.counts.line(self.decoder, self.odometry)
 
     @property
     def next_wakeup(self) -> float | None:
-        """When `tick` is due at the latest; None once closed."""
         times = [time for time in (self._deadline, self._setup.due) if time is not None]
         if self.is_open:
             times.append(self._now + LOOK_S)
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
-        """Take in what was read, and return what it means."""
         earned = (now - self._now) * A_CYCLE / self._units.cycle_s
         self._advance(now)
         for payload in self._rationed(self.decoder.feed(data, now), earned):
@@ -159,7 +154,6 @@ class Session:
         return self._drain_events()
 
     def tick(self, now: float) -> list[Event]:
-        """Let time pass: time-outs and repetitions."""
         self._advance(now)
         if self._deadline is not None and now >= self._deadline:
             self._go(Signal.SILENCE)
@@ -214,7 +208,6 @@ class Session:
             self._out += command(Cmd.PULSE)
 
     def restart(self, now: float) -> list[Event]:
-        """Begin again at the handshake: the transport was opened again."""
         self._advance(now)
         self.decoder.begin()
         self._go(Signal.START)

@@ -95,12 +95,10 @@ class Session:
 
     @property
     def line(self) -> Line:
-        """See `bridge.session`."""
         return self.counts.line(self.decoder, self.odometry)
 
     @property
     def next_wakeup(self) -> float | None:
-        """See `bridge.session`."""
         if self.state is State.CLOSED:
             return None
         due = self._deadline if self._ramps.due is None else min(self._deadline, self._ramps.due)
@@ -127,14 +125,12 @@ class Session:
         return self._drain_events()
 
     def tick(self, now: float) -> list[Event]:
-        """Let time pass."""
         self._advance(now)
         if now >= self._deadline:
             self._go(Signal.SILENCE, self._silence())
         return self._drain_events()
 
     def restart(self, now: float) -> list[Event]:
-        """Begin again: the transport was opened again."""
         self._advance(now)
         self.decoder.begin()
         self._seen = Seen()
@@ -148,7 +144,6 @@ class Session:
             self._ramps.ask(asked, self._now)
 
     def stop(self) -> None:
-        """See `bridge.session`."""
         self.drive(*REST)
 
     def emergency_stop(self) -> None:
@@ -166,7 +161,6 @@ class Session:
         self._go(Signal.CLOSE)
 
     def outgoing(self) -> bytes:
-        """See `bridge.session`."""
         if self.is_open:
             if self._now - self._ramps.at > SILENT_S:
                 # The base may have stopped by itself, or was driven by others. What is measured
