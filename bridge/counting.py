@@ -1,37 +1,47 @@
-"""What was wrong on a robot's line, counted the same for both protocols."""
+"""What was wrong on a robot's line, counted the same for all protocols."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from armadico.bridge.framing import Framing
 from armadico.bridge.odometry import Continuous
 from armadico.core.messages import Line
 
+BURST = 50
+"""Reports that are decoded at once, after a hang."""
 
-class Counting:
-    """A session's counts of what was wrong on its line.
 
-    Attributes:
-        decoder: Counts what was dropped.
-        malformed: Messages so far with a good check and bad contents.
-        absurd: Reports so far of wheels faster than any; they count as not received.
-        surplus: Reports so far that were too many to be looked at.
-        odometry: Counts its resets.
-    """
+@dataclass
+class Counts:
+    """A session's counts of what was wrong with what it received."""
 
-    decoder: Framing[Any]
-    odometry: Continuous
-    malformed = absurd = surplus = 0
+    malformed: int = 0  # messages with a good check and bad contents
+    absurd: int = 0  # reports of wheels faster than any; they count as not received
+    surplus: int = 0  # reports that were too many to be decoded
 
-    @property
-    def line(self) -> Line:
-        """What was wrong on the line so far."""
+    def line(self, decoder: Framing[Any], odometry: Continuous) -> Line:
+        """All that was wrong on the line so far."""
         return Line(
-            self.decoder.dropped,
-            self.decoder.mangled,
+            decoder.dropped,
+            decoder.mangled,
             self.malformed,
             self.absurd,
             self.surplus,
-            self.odometry.resets,
+            odometry.resets,
         )
+
+
+class Ration:
+    """Bounds how many reports are decoded: what each costs must not delay a stop."""
+
+    def __init__(self) -> None:
+        self._left = float(BURST)
+
+    def surplus(self, count: int, earned: float) -> int:
+        """How many of `count` reports are to be passed over, the oldest; `earned` since."""
+        self._left = min(self._left + earned, BURST)
+        surplus = max(count - int(self._left), 0)
+        self._left -= count - surplus
+        return surplus

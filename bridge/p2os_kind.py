@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def _session(profile: P2osRobot, now: float, near: tuple[float, float]) -> Session:
     from armadico.bridge.p2os import session  # noqa: PLC0415 - whoever reads a profile needs none
 
-    return session.Session(profile.p2os, now, profile.limits, near, profile.body.half_track_m)
+    return session.Session(profile, now, near)
 
 
 def _simulated(profile: P2osRobot, stage: Stage) -> SimulatedRobot:

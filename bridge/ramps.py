@@ -2,23 +2,71 @@
 
 from __future__ import annotations
 
-from math import copysign
+from math import copysign, isfinite
 
 from armadico.config.profile import Limits
 
+RAMP_S = 0.04
+"""From one step of a ramp to the next."""
+
+Speeds = tuple[float, float]
+"""m/s and rad/s."""
+
+REST: Speeds = (0.0, 0.0)
+
 
 class Ramps:
-    """Speeds on their way to what was asked for, no steeper than the profile's limits."""
+    """The speeds that a base is told, on their way to what was asked for.
+
+    They change no faster than the profile's limits.
+
+    Attributes:
+        due: When the next step is due, s; None: what was asked for is reached.
+        told: The speeds of the last step.
+        at: When that was, s.
+    """
 
     def __init__(self, limits: Limits) -> None:
         self._v = (limits.v_accel, limits.v_decel)
         self._w = (limits.w_accel, limits.w_decel)
+        self._asked = self.told = REST
+        self.at = float("-inf")
+        self.due: float | None = None
 
-    def step(
-        self, now: tuple[float, float], asked: tuple[float, float], dt: float
-    ) -> tuple[float, float]:
-        """The speeds `dt` (s) later, m/s and rad/s."""
-        return _towards(now[0], asked[0], self._v, dt), _towards(now[1], asked[1], self._w, dt)
+    def begin(self) -> None:
+        """Nothing was asked for."""
+        self._asked = self.told = REST
+        self.due = None
+
+    def ask(self, asked: Speeds, now: float) -> None:
+        """Ask for speeds; the next step is due at once."""
+        self._asked, self.due = asked, now
+
+    def step(self, now: float) -> Speeds | None:
+        """The speeds to be told now; None: no step is due."""
+        if self.due is None or now < self.due:
+            return None
+        (v, w), (v_asked, w_asked) = self.told, self._asked
+        dt = min(now - self.at, RAMP_S)
+        self.told = _towards(v, v_asked, self._v, dt), _towards(w, w_asked, self._w, dt)
+        self.at = now
+        self.due = None if self.told == self._asked else now + RAMP_S
+        return self.told
+
+    def resume(self, measured: Speeds) -> None:
+        """Go on from the speeds that are measured, as far as they lie between rest and asked."""
+        v, w = (
+            copysign(min(abs(one), abs(want)), want) if one * want > 0.0 else 0.0
+            for one, want in zip(measured, self._asked, strict=True)
+        )
+        self.told = v, w
+
+
+def finite(v: float, w: float) -> Speeds:
+    """The speeds. Raises ValueError if they are not finite."""
+    if not (isfinite(v) and isfinite(w)):
+        raise ValueError(f"{v} m/s, {w} rad/s: not speeds")
+    return v, w
 
 
 def _towards(now: float, asked: float, ramps: tuple[float, float], dt: float) -> float:

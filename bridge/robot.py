@@ -8,6 +8,7 @@ and its watchdog is fed only while all of this works. Which protocol it speaks t
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from math import copysign, inf, radians
 from typing import Annotated, Any, ClassVar
 
@@ -93,6 +94,43 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     reflex: bool = True  # slow down for what is heard and seen ahead, whatever is commanded
 
 
+@dataclass
+class Known:
+    """What is known of the controller."""
+
+    name: str = ""  # as it names itself
+    named: tuple[str, str, str] | None = None  # the names of the last one that was opened
+    openings: int = 0  # of the port, since the last status packet,
+    connections: int = 0  # and handshakes that ended well
+    refusals: int = 0  # how often it was refused,
+    unfit: str = ""  # and why
+    differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
+
+
+@dataclass
+class Orders:
+    """What the wheels do and are to do, m/s and rad/s."""
+
+    measured: tuple[float, float] = (0.0, 0.0)
+    ordered: tuple[float, float] = (0.0, 0.0)  # what was last obeyed
+    driven: tuple[float, float] = (0.0, 0.0)  # what came of it by the reflexes
+    moving: bool = False  # whether the controller was last told to move
+
+
+class LineNotes:
+    """Bounds how often the counts of the line are logged."""
+
+    def __init__(self) -> None:
+        self._logged, self._at = Line(), -inf
+
+    def is_news(self, line: Line, now: float) -> bool:
+        """Whether to log these counts, at a time (s)."""
+        if line == self._logged or now - self._at < LINE_SAY_S:
+            return False
+        self._logged, self._at = line, now
+        return True
+
+
 class Robot(DeviceAgent):
     """The robot, as the society knows it."""
 
@@ -125,24 +163,16 @@ class Robot(DeviceAgent):
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
         self._awaited = ""  # before the port was ever open: why it is not
-        self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
-        self._moving = False  # whether the controller was last told to move
+        self._known = Known()
+        self._orders = Orders()
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
-        self._openings = 0  # of the port, since the last status packet,
-        self._connections = 0  # and handshakes that ended well
-        self._unfit, self._refusals = "", 0  # why a controller was refused, and how often it was
-        self._differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
-        self._named: tuple[str, str, str] | None = None  # the controller that was last opened
         self._described = 0  # cycles since the last description
-        self._controller = ""  # as it names itself
-        self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
-        self._driven = (0.0, 0.0)  # what came of it by the reflexes
         self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
         self._touch = Touch(self.profile)
         self._obedience = Obedience(self.profile)
-        self._told, self._told_at = Line(), -inf  # of the line
+        self._line_notes = LineNotes()
 
     @classmethod
     def subscriptions(cls) -> tuple[agent.Subscription, ...]:
@@ -163,10 +193,10 @@ class Robot(DeviceAgent):
             self.log(self._awaited)
             self.wake_at(self.now + PATIENCE_S)
             return
-        self._openings += up
-        told = self._openings in TOLD or not self._openings
+        self._known.openings += up
+        told = self._known.openings in TOLD or not self._known.openings
         if not up:
-            self._moving = False
+            self._orders.moving = False
             if told:
                 self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
@@ -179,12 +209,12 @@ class Robot(DeviceAgent):
             stop = self.stopped  # a robot agent before this one may have latched it
             self._session.held = stop is not None and keeps_motors_off(stop)
         else:
-            self._take(self._session.restart(self.now))
+            self._on_events(self._session.restart(self.now))
         self._send()
 
     def on_bytes(self, data: bytes) -> None:
         if self._session is not None:
-            self._take(self._session.receive(data, self.now))
+            self._on_events(self._session.receive(data, self.now))
             self._send()
 
     def on_wakeup(self) -> None:
@@ -192,7 +222,7 @@ class Robot(DeviceAgent):
         if self._session is None:
             self.log(f"still {self._awaited}", WARNING)
             return
-        self._take(self._session.tick(self.now))
+        self._on_events(self._session.tick(self.now))
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:
             self._session.pulse()
             self._pulsed_at = self.now
@@ -209,7 +239,7 @@ class Robot(DeviceAgent):
             self._session.close()
             self._send()
 
-    def _take(self, events: Iterable[object]) -> None:
+    def _on_events(self, events: Iterable[object]) -> None:
         for event in events:
             if isinstance(event, Reported):
                 self._report(event)
@@ -218,9 +248,9 @@ class Robot(DeviceAgent):
             elif isinstance(event, Unfit):
                 self._refuse(event)
             elif isinstance(event, LinkLost):
-                self._moving = False
+                self._orders.moving = False
                 self._line()
-                if self._connections in (0, *TOLD):
+                if self._known.connections in (0, *TOLD):
                     self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
                 if event.reset and self.stopped is None:
                     # Its motors are off then; opening it again switches them on.
@@ -234,8 +264,8 @@ class Robot(DeviceAgent):
                     WARNING,
                 )
             elif isinstance(event, Differs):
-                if event.text not in self._differs:
-                    self._differs = (*self._differs, event.text)
+                if event.text not in self._known.differs:
+                    self._known.differs = (*self._known.differs, event.text)
                     self.log(event.text, WARNING)
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
@@ -244,13 +274,13 @@ class Robot(DeviceAgent):
         """Note which controller answers: one of another type is another robot."""
         self._touch.begin()
         self._obedience.begin()
-        self._connections += 1
-        if self._connections in TOLD:
+        self._known.connections += 1
+        if self._known.connections in TOLD:
             self.log(f"connected to {_told(event)} on {self.p.port}")
-        self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
-        self._described, self._unfit, self._refusals = 0, "", 0
+        self._known.name = "".join(filter(str.isprintable, event.name))[:LABEL]
+        self._described, self._known.unfit, self._known.refusals = 0, "", 0
         named = (event.name, event.class_name.casefold(), event.subclass.casefold())
-        before, self._named = self._named or named, named
+        before, self._known.named = self._known.named or named, named
         if before[0] and before != named:
             self.log(f"it was {_told(Connected(*before))} before: is it the same robot?", WARNING)
         if before[1:] != named[1:] and self.stopped is None:
@@ -258,12 +288,12 @@ class Robot(DeviceAgent):
 
     def _refuse(self, event: Unfit) -> None:
         """Report a controller that the profile does not fit; it is not opened."""
-        self._moving = False
-        self._refusals += 1
+        self._orders.moving = False
+        self._known.refusals += 1
         why = self._kind.unfit(self.profile, event)
-        self._unfit = f"{_told(event)} on {self.p.port} is not driven: {why}"
-        if self._refusals in TOLD:
-            self.log(self._unfit, ERROR, LogEvent.UNFIT)
+        self._known.unfit = f"{_told(event)} on {self.p.port} is not driven: {why}"
+        if self._known.refusals in TOLD:
+            self.log(self._known.unfit, ERROR, LogEvent.UNFIT)
 
     def _catch_up(self) -> None:
         """Let the session know how late it is: after a pause its ramps begin with what it was told.
@@ -271,7 +301,7 @@ class Robot(DeviceAgent):
         Otherwise the first step after one is that of a moment before it: what was asked for then.
         """
         if self._session is not None:
-            self._take(self._session.tick(self.now))
+            self._on_events(self._session.tick(self.now))
 
     def _send(self) -> None:
         """Write what the session has to say, and wake for what it waits for."""
@@ -291,12 +321,12 @@ class Robot(DeviceAgent):
 
     def _report(self, report: Reported) -> None:
         pose = report.pose
-        self._reported_at, self._openings, self._connections = self.now, 0, 0
+        self._reported_at, self._known.openings, self._known.connections = self.now, 0, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         self.tenure += 1
-        v, w = self._speeds = report.v, report.w
-        ordered = self._driven
+        v, w = self._orders.measured = report.v, report.w
+        ordered = self._orders.driven
         self._feel(report)
         self._heed_hands(report)
         self._check_obedience(report, ordered)
@@ -330,8 +360,7 @@ class Robot(DeviceAgent):
         session = self._session
         assert session is not None, "it has a line"
         line = session.line
-        if line != self._told and self.now - self._told_at >= LINE_SAY_S:
-            self._told, self._told_at = line, self.now
+        if self._line_notes.is_news(line, self.now):
             self.log(f"from the controller so far: {line.told}", WARNING)
         return line
 
@@ -340,8 +369,8 @@ class Robot(DeviceAgent):
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         said = super().card()
         provides = tuple(key for key in said.provides if key not in none)
-        doubts = line("; ".join(self._differs))
-        return replace(said, provides=provides, fault=line(self._unfit), doubts=doubts)
+        doubts = line("; ".join(self._known.differs))
+        return replace(said, provides=provides, fault=line(self._known.unfit), doubts=doubts)
 
     @property
     def _top(self) -> float:
@@ -366,7 +395,7 @@ class Robot(DeviceAgent):
             w_decel=limits.w_decel,
             silence_s=WHEELS.silence(cycle_s),
             watchdog_s=self.profile.watchdog_s,
-            controller=self._controller,
+            controller=self._known.name,
             sensors=self._readings.sensors,
             cone=0.0 if ring is None else radians(ring.cone_deg),
             nearest=0.0 if ring is None else ring.min_m,
@@ -403,12 +432,15 @@ class Robot(DeviceAgent):
 
     def _feel(self, report: Reported) -> None:
         """Rest on touching something; whose turn it is next, goes on as it sees fit."""
-        v, w = self._driven
-        if self._touch.feel(report, self._driven, self.now):
+        v, w = self._orders.driven
+        if self._touch.feel(report, self._orders.driven, self.now):
             self.rest(WHEELS)
             where = _SIDES[self._touch.side]
             text = f"touched something {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
-            self.log(f"{text} {self._speeds[0]:.2f}, {self._speeds[1]:.2f} measured", WARNING)
+            self.log(
+                f"{text} {self._orders.measured[0]:.2f}, {self._orders.measured[1]:.2f} measured",
+                WARNING,
+            )
 
     def _touched(self) -> Point | None:
         """Where it touches something: in the middle of an edge, for nobody knows better."""
@@ -423,7 +455,7 @@ class Robot(DeviceAgent):
         A pulse would only feed the watchdog of a controller that goes on as it was told before.
         """
         rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
-        if not self._moving and rim > AT_REST_M_S:
+        if not self._orders.moving and rim > AT_REST_M_S:
             self.rest(WHEELS)
 
     def _perceive(self, cycle: Cycle, report: Reported) -> None:
@@ -444,12 +476,12 @@ class Robot(DeviceAgent):
         self._reflex.hear(
             () if sonar is None else sonar.echoes,
             (pose.x, pose.y, pose.theta),
-            self._speeds,
+            self._orders.measured,
             self.now,
             None if scan is None else points_of(scan),
         )
-        if self._moving and self.p.reflex and self._session is not None:
-            v, w = self._ordered
+        if self._orders.moving and self.p.reflex and self._session is not None:
+            v, w = self._orders.ordered
             if self._reflex.cap(v, w) < v:
                 self._order(v, w)
         if (text := self._reflex.complaint(self.now)) is not None:
@@ -458,10 +490,10 @@ class Robot(DeviceAgent):
     def _order(self, v: float, w: float) -> None:
         """Order what was commanded, m/s and rad/s, capped by the reflexes."""
         assert self._session is not None
-        self._ordered = v, w
+        self._orders.ordered = v, w
         v = self._touch.cap(v)
-        self._driven = (self._reflex.cap(v, w) if self.p.reflex else v, w)
-        self._session.drive(*self._driven)
+        self._orders.driven = (self._reflex.cap(v, w) if self.p.reflex else v, w)
+        self._session.drive(*self._orders.driven)
 
     # The wheels ----------------------------------------------------------------------------------
 
@@ -476,14 +508,14 @@ class Robot(DeviceAgent):
         v, w = action
         if abs(v) > (top := self._top):
             v, w = copysign(top, v), w * top / abs(v)
-        self._moving = v != 0.0 or w != 0.0
+        self._orders.moving = v != 0.0 or w != 0.0
         self._order(v, w)
         self._send()
 
     def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
         """Order zero speeds, down the controller's ramps."""
-        self._moving = False
-        self._driven = (0.0, 0.0)
+        self._orders.moving = False
+        self._orders.driven = (0.0, 0.0)
         self._catch_up()
         if self._session is not None:
             self._session.stop()
@@ -491,7 +523,7 @@ class Robot(DeviceAgent):
 
     def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
         """The measured speeds, m/s and rad/s."""
-        return self._speeds
+        return self._orders.measured
 
     def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
         """Speeds beyond the profile's limits are refused."""
@@ -503,7 +535,7 @@ class Robot(DeviceAgent):
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
         """Without a controller nobody is obeyed."""
         ready = self._session is not None and self._session.is_open
-        return "" if ready else self._unfit or "the controller does not answer"
+        return "" if ready else self._known.unfit or "the controller does not answer"
 
 
 def _told(event: Connected | Unfit) -> str:

@@ -1,4 +1,4 @@
-"""What carries a robot's bytes: a serial line, a pseudo-terminal, TCP, memory, or ROS 2.
+"""What carries a robot's bytes: a serial line, a pseudo-terminal, TCP, or ROS 2.
 
 A transport is read by one thread, which waits in `read` and passes on what it gets; another thread
 may write. Bytes cross unchanged and unframed on all of them; those of ROS 2 are frames
@@ -11,13 +11,10 @@ may write. Bytes cross unchanged and unframed on all of them; those of ROS 2 are
 
 The scheme of an address is the name of an entry point of `armadico.transports`, which opens it;
 those of ROS 2 are in `ros2.addresses`. A `PtyTransport` is a simulator's end of a serial line.
-`memory_pair` makes both ends of a line within one process.
 """
 
 from __future__ import annotations
 
-import contextlib
-import queue
 import select
 import socket
 from urllib.parse import parse_qs, urlsplit
@@ -34,13 +31,11 @@ from armadico.bridge.lines import (
 from armadico.bridge.serial_lines import BAUD, WRITE_S, PtyTransport, SerialTransport
 
 __all__ = [
-    "MemoryTransport",
     "PtyTransport",
     "SerialTransport",
     "TcpTransport",
     "Transport",
     "TransportError",
-    "memory_pair",
     "open_serial",
     "open_tcp",
 ]
@@ -91,63 +86,6 @@ class TcpTransport:
         if self._socket is None:
             raise not_open()
         return self._socket
-
-
-class MemoryTransport:
-    """One end of a line within a process; `memory_pair` makes both."""
-
-    def __init__(self, name: str, incoming: queue.SimpleQueue[bytes]) -> None:
-        self.name = name
-        self.is_open = False
-        self._incoming = incoming
-        self._peer: MemoryTransport | None = None
-
-    @property
-    def url(self) -> str:
-        """Name of the end; it cannot be opened by it."""
-        return f"memory:{self.name}"
-
-    def open(self) -> None:
-        """Begin with nothing under way."""
-        with contextlib.suppress(queue.Empty):
-            while True:
-                self._incoming.get_nowait()
-        self.is_open = True
-
-    def read(self, timeout_s: float) -> bytes:
-        """Wait for bytes; `timeout_s` 0 does not wait, which is what a virtual clock needs."""
-        with broken(self.url, "open it again"):
-            self._check()
-            try:
-                chunks = [self._incoming.get(timeout_s > 0, timeout_s or None)]
-            except queue.Empty:
-                return b""
-            with contextlib.suppress(queue.Empty):
-                while True:
-                    chunks.append(self._incoming.get_nowait())
-            return b"".join(chunks)
-
-    def write(self, data: bytes) -> None:
-        """Send bytes; an end that is not open loses them, as a cable that is out does."""
-        with broken(self.url, "open it again"):
-            self._check()
-            if self._peer is not None and self._peer.is_open and data:
-                self._peer._incoming.put(data)
-
-    def close(self) -> None:
-        self.is_open = False
-
-    def _check(self) -> None:
-        if not self.is_open:
-            raise not_open()
-
-
-def memory_pair() -> tuple[MemoryTransport, MemoryTransport]:
-    """Make both ends of a line, the client's and the robot's; neither is open yet."""
-    client = MemoryTransport("client", queue.SimpleQueue())
-    robot = MemoryTransport("robot", queue.SimpleQueue())
-    client._peer, robot._peer = robot, client
-    return client, robot
 
 
 def open_serial(url: str) -> Transport:

@@ -40,6 +40,7 @@ def _places(text: str) -> dict[Path, int]:
         elif header := _HEADER.match(line):
             table = _keys(header[2])
             if header[1] == "[[":
+                places.setdefault(table, number)
                 table = _next(counts, table)
             places.setdefault(table, number)
         elif key := _KEY.match(line):

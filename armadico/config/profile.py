@@ -178,7 +178,18 @@ class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     cone_deg: Annotated[float, Meta(ge=1e-6, le=360)]
     period_s: Period  # from one sonar's ping to the next one's
     sonars: tuple[Sonar, ...]
-    firing_order: tuple[int, ...]
+    firing_order: tuple[int, ...]  # by their places in `sonars`, from 0
+
+    def __post_init__(self) -> None:
+        if not self.min_m < self.max_m:
+            raise ValueError(f"min_m = {self.min_m:g} is not less than max_m = {self.max_m:g}")
+        fired, known = set(self.firing_order), set(range(len(self.sonars)))
+        if unknown := sorted(fired - known):
+            raise ValueError(
+                f"firing_order has sonar {unknown[0]}, and there are {len(known)}, counted from 0"
+            )
+        if silent := sorted(known - fired):
+            raise ValueError(f"firing_order does not have sonar {silent[0]}: it would never fire")
 
 
 class Laser(Struct, frozen=True, forbid_unknown_fields=True):
@@ -390,6 +401,9 @@ def _read(text: str, path: Path) -> RobotProfile:
     sections = [name for name in table if name in kinds]
     if len(sections) != 1:
         raise _of_no_kind(table, sections, tuple(kinds), path, text)
+    if isinstance(table[sections[0]], list):
+        what = f"[[{sections[0]}]] is an array of tables: write [{sections[0]}], once"
+        raise ConfigError(what, path, line_of(text, sections))
     try:
         kind: _Kind = load_kind(sections[0])
     except ImportError as error:

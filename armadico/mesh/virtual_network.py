@@ -24,6 +24,10 @@ DELAYS: Final = tuple(
 """Quantiles of that, s: one is drawn for each delivery, which is most of what a delivery costs."""
 
 
+Way = tuple[str, str]
+"""From one agent's address to another's."""
+
+
 class Link:
     """One direction between two processes, and what is wrong with it."""
 

@@ -11,7 +11,9 @@ from armadico.core.messages import M, Message, encode
 from armadico.core.services import matches
 from armadico.mesh.base import Bell, Call, Reader, Receiver
 from armadico.mesh.topology import DEFAULT_NAMESPACE, MeshError
-from armadico.mesh.virtual import CLIENT, Place, Step, VirtualMesh
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_clock import Step
+from armadico.mesh.virtual_place import CLIENT, Place
 
 
 class VirtualSession(Place):
@@ -80,7 +82,9 @@ class VirtualSession(Place):
                 each(where, encode(message))
             return False
 
-        self.mesh.put(self, key, request, timeout, replied, lambda: done() if self.alive else None)
+        self.mesh.queries.put(
+            self, key, request, timeout, replied, lambda: done() if self.alive else None
+        )
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         self._joined()
@@ -159,4 +163,4 @@ class Asked:
 
     def reply(self, key: str, message: Message) -> None:
         encode(message)
-        self._session.mesh.reply(self._session, self._number, key, message)
+        self._session.mesh.queries.reply(self._session, self._number, key, message)

@@ -19,6 +19,7 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -118,6 +119,36 @@ class Call:
             logger.debug("no reply on %s: %s", key, error)
 
 
+@dataclass
+class Declared:
+    """What is declared in a session: it lasts as long as it is held here."""
+
+    publishers: dict[str, zenoh.Publisher] = field(default_factory=dict)
+    tokens: dict[str, zenoh.LivelinessToken] = field(default_factory=dict)
+    kept: list[Any] = field(default_factory=list)
+
+    def clear(self) -> None:
+        self.kept.clear()
+        self.publishers.clear()
+        self.tokens.clear()
+
+
+@dataclass
+class Watchers:
+    """Those who are told of agents, and of the robot's router."""
+
+    agents: list[Changed] = field(default_factory=list)
+    router: list[Callable[[bool], None]] = field(default_factory=list)
+
+    def tell_agent(self, name: str, instance: str, there: bool) -> None:
+        for changed in self.agents:
+            changed(name, instance, there)
+
+    def tell_router(self, reachable: bool) -> None:
+        for changed in self.router:
+            changed(reachable)
+
+
 class ZenohMesh(Reader, Monotonic):
     """One process's session, within one robot's namespace: a `Mesh`.
 
@@ -147,12 +178,10 @@ class ZenohMesh(Reader, Monotonic):
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # ends a session whose link is lost
-        self._publishers: dict[str, zenoh.Publisher] = {}
-        self._kept: list[Any] = []  # declarations live as long as somebody holds them
-        self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        self._watchers: list[Changed] = []
-        self._router_watchers: list[Callable[[bool], None]] = []
-        self._presence = Presence(self._changed, self._router_changed, reachable=where.router)
+        self._declared = Declared()
+        self._watchers = Watchers()
+        told = self._watchers.tell_agent, self._watchers.tell_router
+        self._presence = Presence(*told, reachable=where.router)
         self._fleet: FleetLinks | None = None
         self._timer: threading.Timer | None = None
 
@@ -299,7 +328,7 @@ class ZenohMesh(Reader, Monotonic):
         if self._where.router:
             self.router = str(session.info.zid())
             key = ROUTER.format(id=self.router)
-            self._tokens[key] = session.liveliness().declare_token(self._rooted(key))
+            self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
         else:
             where, root = self._placed(ROUTER.format(id="*"))
             self._watch_tokens(session, where, root, self._router_token)
@@ -346,9 +375,11 @@ class ZenohMesh(Reader, Monotonic):
             self._seeking.join(ANSWER_S)
             if self._seeking.is_alive():  # within Zenoh: the end of a program waits for it, too
                 threading.Thread(target=self._seeking.join, name="joining ends").start()
-        for token in reversed(self._tokens.values()):  # a router's own last, and before its links
+        for token in reversed(
+            self._declared.tokens.values()
+        ):  # a router's own last, and before its links
             token.undeclare()  # type: ignore[no-untyped-call]
-        self._tokens.clear()
+        self._declared.tokens.clear()
         atexit.unregister(self._end)
         return session
 
@@ -367,13 +398,11 @@ class ZenohMesh(Reader, Monotonic):
         Left to the garbage collector, an object of Zenoh's is freed by whatever thread allocates
         next, and waits for Zenoh's own thread, which may be waiting for a lock of that thread.
         """
-        declared = (self._kept, self._publishers, self._tokens)
-        self._kept, self._publishers, self._tokens = [], {}, {}
+        declared, self._declared = self._declared, Declared()
 
         def end() -> None:
             _close(session)
-            for each in declared:
-                each.clear()
+            declared.clear()
 
         return end
 
@@ -382,13 +411,15 @@ class ZenohMesh(Reader, Monotonic):
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
         """See `Mesh`. One priority for all: or a stop and a speed could change places."""
         data = encode(message) if data is None else data
-        publisher = self._publishers.get(key) or self._publisher(key)
+        publisher = self._declared.publishers.get(key) or self._publisher(key)
         if publisher is None:
             return
         try:
             publisher.put(data)
         except zenoh.ZError:
-            if self._publishers.get(key) is publisher:  # else the link was lost this moment
+            if (
+                self._declared.publishers.get(key) is publisher
+            ):  # else the link was lost this moment
                 raise
 
     def _publisher(self, key: str) -> zenoh.Publisher | None:
@@ -396,7 +427,7 @@ class ZenohMesh(Reader, Monotonic):
         with self._lock:
             if self._waits:
                 return None
-            publisher = self._publishers[key] = self._open.declare_publisher(
+            publisher = self._declared.publishers[key] = self._open.declare_publisher(
                 self._rooted(key),
                 congestion_control=zenoh.CongestionControl.DROP,
                 allowed_destination=zenoh.Locality.REMOTE,
@@ -405,7 +436,7 @@ class ZenohMesh(Reader, Monotonic):
 
     def has_said(self, key: str) -> bool:
         """See `Mesh`: the first time a key has to be declared."""
-        return key in self._publishers or self._waits
+        return key in self._declared.publishers or self._waits
 
     def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
         """See `Mesh`; `passed_on`: also what comes from another robot of the fleet."""
@@ -483,15 +514,15 @@ class ZenohMesh(Reader, Monotonic):
         key = TOKEN.format(name=name, instance=instance)
 
         def declare(session: zenoh.Session) -> None:
-            self._tokens[key] = session.liveliness().declare_token(self._rooted(key))
+            self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
             self._presence.token(name, instance, True)
 
         self._declare(declare)
 
     def watch_alive(self, changed: Changed) -> None:
         with self._lock:
-            first = not self._watchers
-            self._watchers.append(changed)
+            first = not self._watchers.agents
+            self._watchers.agents.append(changed)
             for who in sorted(self._presence.told):
                 changed(*who, True)
         if first:
@@ -505,7 +536,7 @@ class ZenohMesh(Reader, Monotonic):
 
     def watch_router(self, changed: Callable[[bool], None]) -> None:
         with self._lock:
-            self._router_watchers.append(changed)
+            self._watchers.router.append(changed)
             changed(self._presence.reachable)
 
     # What is heard of others, on Zenoh's threads and the timer's ----------------------------------
@@ -561,14 +592,6 @@ class ZenohMesh(Reader, Monotonic):
             self._presence.look(self.now())
             self._wait_for_due()
 
-    def _changed(self, name: str, instance: str, there: bool) -> None:
-        for changed in self._watchers:
-            changed(name, instance, there)
-
-    def _router_changed(self, reachable: bool) -> None:
-        for changed in self._router_watchers:
-            changed(reachable)
-
     # Inside --------------------------------------------------------------------------------------
 
     @property
@@ -599,7 +622,7 @@ class ZenohMesh(Reader, Monotonic):
         return where, len(where) - len(key)
 
     def _keep(self, declaration: Any) -> None:
-        self._kept.append(declaration)
+        self._declared.kept.append(declaration)
 
     def _config(self, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
         config = zenoh.Config()

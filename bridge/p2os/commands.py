@@ -68,7 +68,6 @@ class Cmd(IntEnum):
     VEL2 = 32, Arg.BITS, 1, "wheel speeds: high byte left, low byte right, signed, in 20 mm/s"
     HOSTBAUD = 50, Arg.INT, 1, "baud rate of the client's port: 0 9600, 2 38400, 4 115200"
     E_STOP = 55, Arg.NONE, 1, "stop without a ramp"
-    BATTERYINFO = 62, Arg.INT, 1, "battery packets (later controllers)"
     SIM_SET_POSE = 224, Arg.POSE, 1, "simulators: true pose, mm, mm, degrees; odometry stays"
     BATTEST = 250, Arg.INT, DECIVOLT, "pretend a battery voltage, 0.1 V; 0 the real one"
 
@@ -129,13 +128,6 @@ def set_pose(x: float, y: float, theta: float) -> bytes:
     numbers = round(x / MM), round(y / MM), round(theta / DEGREE)
     body = b"".join(number.to_bytes(4, "little", signed=True) for number in numbers)
     return encode(bytes([Cmd.SIM_SET_POSE, POSITIVE]) + body)
-
-
-def wheel_bits(left: int, right: int) -> int:
-    """VEL2's sixteen bits for wheel speeds in its units, -128 to 127."""
-    if not (-128 <= left <= 127 and -128 <= right <= 127):
-        raise ValueError(f"VEL2 carries -128 to 127 for a wheel, not {left}, {right}")
-    return (left & 0xFF) << 8 | right & 0xFF
 
 
 def decode_command(payload: bytes) -> Command:

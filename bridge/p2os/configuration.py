@@ -139,13 +139,6 @@ def encode_encoders(encoders: Encoders) -> bytes:
     return struct.pack("<BII", ENCODER, left, right)
 
 
-def decode_encoders(payload: bytes) -> Encoders:
-    """Decode an ENCODERpac's payload; ValueError if it is none or cut short."""
-    if payload[:1] != bytes([ENCODER]) or len(payload) < 9:
-        raise ValueError(f"not an ENCODERpac: {payload[:9].hex(' ')}")
-    return Encoders(*struct.unpack_from("<ii", payload, 1))
-
-
 def encode_text(text: str) -> bytes:
     """Text that ends in NUL, cut to what clients can hold."""
     return text.encode("ascii", "replace")[:TEXT_LIMIT] + b"\0"

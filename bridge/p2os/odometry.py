@@ -17,8 +17,8 @@ class Odometry(Continuous):
     counted without a client is the robot's way. It wraps at some 27.5 m, so `near` is about where
     it was. A step that the speeds do not explain is a reset: SETO, or the power was off.
 
-    A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin looks like a step
-    and moves the pose by that much; whoever sends SETO calls `rebase` and is spared that.
+    A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin looks like a step, and
+    moves the pose by that much.
     """
 
     def __init__(self, units: P2osUnits, near: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -33,10 +33,6 @@ class Odometry(Continuous):
         """Count by other factors from the next status packet on, which is a base, not a step."""
         self._span_m = POSITION_COUNTS * units.distance_mm * 1e-3
         self._last: Status | None = None
-
-    def rebase(self) -> None:
-        """Take the next status packet as a base, not as a step: SETO was sent."""
-        self._last = None
 
     def update(self, status: Status, now: float) -> Pose:
         """Take a status packet received at `now` (s) and return the continuous pose."""

@@ -11,17 +11,14 @@ the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import inf
+from dataclasses import dataclass
 
-from armadico.bridge.counting import Counting
+from armadico.bridge.counting import Counts, Ration
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
-    ENCODER,
     Configuration,
-    Encoders,
     decode_configuration,
-    decode_encoders,
     decode_texts,
 )
 from armadico.bridge.p2os.handshake import (
@@ -34,11 +31,12 @@ from armadico.bridge.p2os.handshake import (
 )
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
-from armadico.bridge.p2os.profile import P2osUnits
+from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.bridge.session import Connected, LinkLost, Unanswered, Unfit
 from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits
+from armadico.core.messages import Line
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
 ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac
@@ -46,7 +44,6 @@ HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot tha
 LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
 LATE_S = 0.1  # an owner that calls so much later than that hung
 A_CYCLE = 3  # status packets that are decoded in a cycle, on average; a controller sends one
-BURST = 50  # status packets that are decoded at once, after a hang
 PAUSE_S = 5.0  # at most, before the next handshake if nothing followed the last ones
 ABSURD = 2.0  # times the profile's top speeds: no wheel turns so fast
 
@@ -59,7 +56,7 @@ class Reported(Neutral, frozen=True, kw_only=True):
     status: Status
 
 
-Event = Connected | Unfit | Configuration | Reported | Encoders | LinkLost | Unanswered
+Event = Connected | Unfit | Configuration | Reported | LinkLost | Unanswered
 
 _SIGNALS = {
     0x00: Signal.ECHO0,
@@ -76,84 +73,92 @@ _REASONS = {
 }
 
 
-class Session(Counting):
-    """One client's dealings with one controller, from SYNC0 to CLOSE and again.
+@dataclass
+class Setup:
+    """What a controller is asked at the beginning, until it has been seen to obey it.
+
+    Only until then: whoever switches the motors off at the robot later has a reason.
+    """
+
+    due: float | None = None  # when it is asked again, s; None: not any more
+    configured: bool = False
+    enabled: bool = False
+    asked: int = 0
+
+    def repeat(self, held: bool, now: float) -> bytes:
+        """The packets that are to be repeated; motors that are `held` stay off."""
+        self.asked += 1
+        enabled = self.enabled or held
+        settled = self.configured and enabled
+        self.due = None if self.asked == ASK_TIMES or settled else now + ASK_AGAIN_S
+        packets = b"" if self.configured else command(Cmd.CONFIG, 1)
+        return packets if enabled else packets + command(Cmd.ENABLE, 1)
+
+
+class Session:
+    """One client's dealings with one controller, from SYNC0 to CLOSE and again: a `bridge.session`.
 
     Attributes:
         state: What the session waits for.
         held: See `bridge.session`.
     """
 
-    decoder: Decoder
-    odometry: Odometry
-
     def __init__(
-        self,
-        units: P2osUnits,
-        now: float,
-        limits: Limits | None = None,
-        near: tuple[float, float] = (0.0, 0.0),
-        half_track_m: float | None = None,
+        self, profile: P2osRobot, now: float, near: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        """Begin at time `now` (s, any clock); without `limits` the controller's own stand.
+        """Begin at time `now` (s, any clock).
 
-        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m. Without
-        `half_track_m` the controller's conversion factor stands for it.
+        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
         """
         self.state = State.CLOSED
-        self._ration = float(BURST)  # of status packets
-        self.decoder = Decoder()
-        self.odometry = Odometry(units, near)
+        self._ration = Ration()  # of status packets
+        self.decoder, self.counts = Decoder(), Counts()
+        self.odometry = Odometry(profile.p2os, near)
         self.held = False
-        self._profile_units = self._units = units
-        self._half_track = half_track_m or 1e-3 / units.diff_conv
-        self._limits = _limits(limits)
-        self._fastest = inf if limits is None else ABSURD * _top_rim(units, limits)
+        self._profile, self._units = profile, profile.p2os
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
         self._events: list[Event] = []
         self._now = self._sent_at = now
         self._deadline: float | None = None
-        self._ask_at: float | None = None
-        self._asked = 0
+        self._setup = Setup()
         self._attempts = 0
         self._fruitless = 0  # handshakes since the last status packet
-        self._configured = self._enabled = False
         self._go(Signal.START)
 
     @property
     def is_open(self) -> bool:
-        """Whether speeds that are asked for reach the robot."""
         return self.state is State.OPEN
 
     @property
     def motors_due(self) -> bool:
-        """Whether motors that are off were switched off at the robot, or held off there."""
-        return self.is_open and (self.held or self._enabled or self._ask_at is None)
+        setup = self._setup
+        return self.is_open and (self.held or setup.enabled or setup.due is None)
+
+    @property
+    def line(self) -> Line:
+        return self.counts.line(self.decoder, self.odometry)
 
     @property
     def next_wakeup(self) -> float | None:
-        """When `tick` is due at the latest; None once closed."""
-        times = [time for time in (self._deadline, self._ask_at) if time is not None]
+        times = [time for time in (self._deadline, self._setup.due) if time is not None]
         if self.is_open:
             times.append(self._now + LOOK_S)
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
-        """Take in what was read, and return what it means."""
-        self._ration += (now - self._now) * A_CYCLE / self._units.cycle_s
+        earned = (now - self._now) * A_CYCLE / self._units.cycle_s
         self._advance(now)
-        for payload in self._rationed(self.decoder.feed(data, now)):
-            self._take(payload)
+        for payload in self._rationed(self.decoder.feed(data, now), earned):
+            self._on_packet(payload)
         return self._drain_events()
 
     def tick(self, now: float) -> list[Event]:
-        """Let time pass: time-outs and repetitions."""
         self._advance(now)
         if self._deadline is not None and now >= self._deadline:
             self._go(Signal.SILENCE)
-        if self._ask_at is not None and now >= self._ask_at:
-            self._ask()
+        if self._setup.due is not None and now >= self._setup.due:
+            self._out += self._setup.repeat(self.held, now)
         return self._drain_events()
 
     def outgoing(self) -> bytes:
@@ -202,19 +207,7 @@ class Session(Counting):
         if self.is_open and not self._out and not self._speeds:
             self._out += command(Cmd.PULSE)
 
-    def enable(self) -> None:
-        """Switch the motors on; a person at the robot may have switched them off."""
-        if self.is_open:
-            self._out += command(Cmd.ENABLE, 1)
-
-    def reset_odometry(self) -> None:
-        """Set the controller's odometry to zero; the continuous pose goes on from where it is."""
-        if self.is_open:
-            self._out += command(Cmd.SETO)
-            self.odometry.rebase()
-
     def restart(self, now: float) -> list[Event]:
-        """Begin again at the handshake: the transport was opened again."""
         self._advance(now)
         self.decoder.begin()
         self._go(Signal.START)
@@ -238,25 +231,23 @@ class Session(Counting):
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
 
-    def _rationed(self, payloads: list[bytes]) -> Iterator[bytes]:
-        """Of a flood of status packets the newest: what each costs must not put a stop off."""
+    def _rationed(self, payloads: list[bytes], earned: float) -> Iterator[bytes]:
+        """Of a flood of status packets the newest."""
         count = sum(payload[0] in STATUS_TYPES for payload in payloads)
-        self._ration = min(self._ration, BURST)
-        surplus = max(count - int(self._ration), 0)
-        self._ration -= count - surplus
-        self.surplus += surplus
+        surplus = self._ration.surplus(count, earned)
+        self.counts.surplus += surplus
         for payload in payloads:
             if surplus and payload[0] in STATUS_TYPES:
                 surplus -= 1
             else:
                 yield payload
 
-    def _take(self, payload: bytes) -> None:
+    def _on_packet(self, payload: bytes) -> None:
         try:
             if self.is_open:
                 self._report(payload)
         except ValueError:
-            self.malformed += 1
+            self.counts.malformed += 1
             return
         if payload[0] == 0x02 and (self.state, Signal.NAMES) in TRANSITIONS:
             self._go(self._named(*decode_texts(payload[1:], 3)))
@@ -265,7 +256,7 @@ class Session(Counting):
 
     def _named(self, name: str, class_name: str, subclass: str) -> Signal:
         """Whether the profile fits the controller that names itself so; its factors count."""
-        units = self._profile_units.of(class_name, subclass)
+        units = self._profile.p2os.of(class_name, subclass)
         if units is None:
             self._events.append(Unfit(name, class_name, subclass))
             return Signal.MISFIT
@@ -280,26 +271,24 @@ class Session(Counting):
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)
-            if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest:
-                self.absurd += 1
+            if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest():
+                self.counts.absurd += 1
                 return
             self._fruitless = 0
-            self._enabled = self._enabled or status.motors_enabled
+            self._setup.enabled = self._setup.enabled or status.motors_enabled
             self.held = self.held and not status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
             self._events.append(self._reported(status))
         elif kind == CONFIG:
-            self._configured = True
+            self._setup.configured = True
             self._events.append(decode_configuration(payload))
-        elif kind == ENCODER:
-            self._events.append(decode_encoders(payload))
 
     def _reported(self, status: Status) -> Reported:
         left, right = status.left_m_s, status.right_m_s
         return Reported(
             pose=self.odometry.update(status, self._now),
             v=0.5 * (left + right),
-            w=0.5 * (right - left) / self._half_track,
+            w=0.5 * (right - left) / self._profile.body.half_track_m,
             battery_v=status.battery_v,
             charging=status.charging,
             motors=status.motors_enabled,
@@ -320,7 +309,7 @@ class Session(Counting):
         if timeout is not None and self.state is State.DRAIN and self._fruitless > 1:
             timeout = min(timeout * 2.0 ** (self._fruitless - 1), PAUSE_S)
         self._deadline = None if timeout is None else self._now + timeout
-        self._ask_at = None
+        self._setup.due = None
         for action in actions:
             self._act(action, before, signal)
 
@@ -340,25 +329,15 @@ class Session(Counting):
             self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
-        self._out += _opening(motors=not self.held) + self._limits
+        self._out += _opening(motors=not self.held) + _limits(self._profile.limits)
         self._fruitless += 1
-        self._configured = self._enabled = False
-        self._attempts = self._asked = 0
-        self._ask_at = self._now + ASK_AGAIN_S
+        self._attempts = 0
+        self._setup = Setup(self._now + ASK_AGAIN_S)
 
-    def _ask(self) -> None:
-        """Repeat what the controller has not been seen to obey.
-
-        Only until it has been: whoever switches the motors off at the robot later has a reason.
-        """
-        self._asked += 1
-        if not self._configured:
-            self._out += command(Cmd.CONFIG, 1)
-        if not (self._enabled or self.held):
-            self._out += command(Cmd.ENABLE, 1)
-        settled = self._configured and (self._enabled or self.held)
-        done = self._asked == ASK_TIMES or settled
-        self._ask_at = None if done else self._now + ASK_AGAIN_S
+    def _fastest(self) -> float:
+        """No rim of a wheel is faster, m/s."""
+        limits, units = self._profile.limits, self._profile.p2os
+        return ABSURD * (limits.v_max + limits.w_max / (units.diff_conv * 1e3))
 
     def _drain_events(self) -> list[Event]:
         events, self._events = self._events, []
@@ -375,22 +354,15 @@ _SENDS = {
 }
 
 
-def _top_rim(units: P2osUnits, limits: Limits) -> float:
-    """The speed of a wheel's rim at both tops, m/s."""
-    return limits.v_max + limits.w_max / (units.diff_conv * 1e3)
-
-
 def _opening(*, motors: bool) -> bytes:
     """What follows the handshake first: zero speeds, motors on unless they are held off, sonar."""
     enable = command(Cmd.ENABLE, 1) if motors else b""
     return command(Cmd.OPEN) + ZERO + enable + command(Cmd.SONAR, 1)
 
 
-def _limits(limits: Limits | None) -> bytes:
-    """What follows then: the profile's limits, if they are to count, and CONFIG."""
-    packets = b""
-    if limits is not None:
-        packets += quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
-        packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)
-        packets += quantity(Cmd.SETRA, limits.w_accel) + quantity(Cmd.SETRA, -limits.w_decel)
+def _limits(limits: Limits) -> bytes:
+    """What follows then: the profile's limits, and CONFIG."""
+    packets = quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
+    packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)
+    packets += quantity(Cmd.SETRA, limits.w_accel) + quantity(Cmd.SETRA, -limits.w_decel)
     return packets + command(Cmd.CONFIG, 1)

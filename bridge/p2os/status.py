@@ -62,11 +62,6 @@ class Status(Struct, frozen=True, kw_only=True):
     digital_in: int = 0
     digital_out: int = 0
 
-    @property
-    def sonar_on(self) -> bool:
-        """Whether any sonar array is on."""
-        return self.sonar_arrays != 0
-
 
 def encode_status(status: Status, units: P2osUnits, *, short: bool = False) -> bytes:
     """Encode a payload: of ARCOS, up to the turn rate, or in the short form of P2OS.

@@ -11,7 +11,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.bridge.notices import Notices
 from armadico.bridge.ros2.geometry import norm2
+from armadico.bridge.ros2.profile import Ros2
 from armadico.bridge.ros2.types import TFMessage, Transform
 from armadico.mobile.geometry import Pose2
 
@@ -23,6 +25,9 @@ APART_M, APART_RAD = 0.02, 0.035
 
 LEVEL_RAD = 0.09
 """What looks farther out of the level sees the floor, or over what is in the way."""
+
+TF_S = 3.0
+"""What is latched has come by then: a robot that has not published a frame does not publish it."""
 
 _Placed = NDArray[np.float64]  # a rotation and a place, 4 by 4
 
@@ -80,6 +85,62 @@ class Frames:
             frame, placed = self._known[frame]
             at = placed @ at
         return frame, at
+
+
+class Mounting:
+    """Where the sensors sit: as the robot publishes it, or else by the profile.
+
+    Attributes:
+        base: The frame of the body, as the odometry names it.
+    """
+
+    def __init__(self, ros2: Ros2, notices: Notices, now: float) -> None:
+        self.base = ros2.base_frame
+        self._topic, self._notices = ros2.tf_static, notices
+        self._frames = Frames()
+        self._mounts: dict[str, Mount] = {}  # by frame, as far as the robot has published them
+        self._began_at = now
+
+    def begin(self, now: float) -> None:
+        """The session waits for the robot."""
+        self._began_at = now
+
+    def learn(self, message: TFMessage) -> None:
+        """Take what was published. Raises ValueError for a transform that is none."""
+        self._frames.learn(message)
+        self._mounts.clear()
+
+    def move_base(self, frame: str) -> None:
+        """Take the frame that the odometry moves; empty: it does not name it."""
+        if frame not in ("", self.base):
+            self.base = frame
+            self._mounts.clear()
+
+    def mount(self, frame: str, ours: Mount, what: str, now: float) -> Mount:
+        """Where a sensor sits, by its frame; `ours` is the profile's.
+
+        Where the two differ, one is wrong, and it is not known which. That is reported.
+        """
+        mount = self._mounts.get(frame)
+        if mount is None:
+            theirs = self._frames.mount(self.base, frame)
+            if theirs is None:
+                if self._topic is not None and now - self._began_at >= TF_S:
+                    self._notices.note(
+                        f"{self._topic.name} does not say where {frame} lies in {self.base}: the"
+                        f" {what} counts as mounted as in the profile, {ours.told}",
+                        now,
+                    )
+                return ours
+            if theirs.differs(ours):
+                self._notices.note(
+                    f"the {what} ({frame}) is mounted otherwise than the profile has it:"
+                    f" {theirs.told} by tf_static, which counts, and {ours.told} by the profile;"
+                    " is that right?",
+                    now,
+                )
+            mount = self._mounts[frame] = theirs
+        return mount
 
 
 def _name(frame: str) -> str:

@@ -7,6 +7,7 @@ from math import remainder, tau
 from msgspec import Struct
 
 from armadico.bridge.odometry import Continuous
+from armadico.bridge.ramps import REST, Speeds
 from armadico.bridge.session import Pose
 
 
@@ -31,6 +32,11 @@ class Odometry(Continuous):
         super().__init__(cycle_s)
         self._last: Measured | None = None
         self._at = 0.0
+
+    @property
+    def speeds(self) -> Speeds:
+        """The newest that were measured."""
+        return REST if self._last is None else (self._last.v, self._last.w)
 
     def update(self, here: Measured, now: float) -> Pose:
         """Take what came at `now` (s) and return the continuous pose."""

@@ -7,18 +7,83 @@ follow clockwise, and turn more than once around.
 
 from __future__ import annotations
 
-from math import inf
+from math import degrees, inf
 
 import numpy as np
+from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
-from armadico.bridge.ros2.mounts import Mount
+from armadico.bridge.ros2.cdr import decode
+from armadico.bridge.ros2.mounts import LEVEL_RAD, Mount
+from armadico.bridge.ros2.stamps import stamp_of
 from armadico.bridge.session import Swept
 from armadico.config.profile import Laser
 from armadico.mobile.messages import REACH_M
 
 SLACK_RAYS, SLACK = 2.0, 0.01
 """By so many rays, or such a share of them, angle_max may differ: some drivers' is one too far."""
+
+
+class Scans:
+    """The newest scan of a laser."""
+
+    def __init__(self, laser: Laser, old_s: float) -> None:
+        """A scan that is `old_s` (s) older or newer than the odometry is not used."""
+        self.laser, self._old_s = laser, old_s
+        self._payload: bytes | None = None  # since the cycle before
+        self._stamp, self._count = 0.0, 0
+        self._swept: Swept | None = None
+
+    def begin(self) -> None:
+        """Forget the newest scan."""
+        self._payload = self._swept = None
+
+    def receive(self, payload: bytes) -> None:
+        """Take a scan; only the newest of a cycle is decoded."""
+        self._payload = payload
+
+    def newest(self, stamp: float) -> Swept | None:
+        """The newest scan, if it is new enough for an odometry of this stamp (s)."""
+        if self._swept is None:
+            return None
+        age = stamp - self._stamp
+        return replace(self._swept, age_s=age) if abs(age) <= self._old_s else None
+
+    def decode(self, stamp: float) -> types.LaserScan | None:
+        """The scan that came in this cycle; None: none did.
+
+        Raises ValueError, which says what is wrong with it.
+        """
+        payload, self._payload = self._payload, None
+        if payload is None:
+            return None
+        before, swept = self._stamp, self._swept
+        self._swept = None
+        self._stamp = stamp_of(payload)
+        if self._stamp == 0.0 and stamp > self._old_s:
+            raise UnusableScanError("its scans have no time stamp (it is 0): set one in its driver")
+        if self._stamp == before:
+            self._swept = swept
+            raise UnusableScanError("it says the same scan again and again")
+        age = stamp - self._stamp
+        if abs(age) > self._old_s:
+            where = "older than" if age > 0.0 else "ahead of"
+            raise UnusableScanError(
+                f"its scans are {where} the odometry, by {abs(age):.3g} s: do the clocks agree?"
+            )
+        self._count += 1
+        return decode(types.LaserScan, payload)
+
+    def accept(self, scan: types.LaserScan, mount: Mount) -> None:
+        """Take a scan of the laser, mounted so. Raises ValueError if it cannot be believed."""
+        if mount.tilt > LEVEL_RAD:
+            tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
+            raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
+        self._swept = swept(scan, self.laser, mount, self._count)
+
+
+class UnusableScanError(ValueError):
+    """A scan is sound, and does not belong to this cycle."""
 
 
 def swept(scan: types.LaserScan, laser: Laser, mount: Mount, number: int) -> Swept:

@@ -22,14 +22,9 @@ from pycdr2.types import int32 as i32
 Floats = Annotated[Sequence[float], sequence(f32)]
 Bytes = Annotated[Sequence[int], sequence(uint8)]
 Cells = Annotated[Sequence[int], sequence(i8)]
-Covariance3 = Annotated[Sequence[float], array(f64, 9)]
 Covariance6 = Annotated[Sequence[float], array(f64, 36)]
 Gid16 = Annotated[Sequence[int], array(uint8, 16)]
 Name = Annotated[str, bounded_str(256)]
-
-
-def _zeros9() -> Sequence[float]:
-    return [0.0] * 9
 
 
 def _zeros36() -> Sequence[float]:
@@ -282,19 +277,6 @@ class HazardDetectionVector(IdlStruct, typename="irobot_create_msgs/msg/HazardDe
     detections: Annotated[Sequence[HazardDetection], sequence(HazardDetection)] = field(
         default_factory=list
     )
-
-
-@dataclass
-class Imu(IdlStruct, typename="sensor_msgs/msg/Imu"):
-    """Orientation, turn rates, accelerations; a covariance of -1 first is not measured."""
-
-    header: Header = field(default_factory=Header)
-    orientation: Quaternion = field(default_factory=Quaternion)
-    orientation_covariance: Covariance3 = field(default_factory=_zeros9)
-    angular_velocity: Vector3 = field(default_factory=Vector3)
-    angular_velocity_covariance: Covariance3 = field(default_factory=_zeros9)
-    linear_acceleration: Vector3 = field(default_factory=Vector3)
-    linear_acceleration_covariance: Covariance3 = field(default_factory=_zeros9)
 
 
 @dataclass

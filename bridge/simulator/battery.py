@@ -31,9 +31,21 @@ class Battery:
         used_j: What motors and electronics have taken so far, J.
     """
 
-    __slots__ = ("_capacity_as", "_charger", "_parameters", "charge", "charging", "used_j", "volts")
+    __slots__ = (
+        "_capacity_as",
+        "_charger",
+        "_docks",
+        "_parameters",
+        "charge",
+        "charging",
+        "used_j",
+        "volts",
+    )
 
-    def __init__(self, parameters: Parameters, charge: float = 1.0) -> None:
+    def __init__(
+        self, parameters: Parameters, charge: float = 1.0, docks: Iterable[Pose] = ()
+    ) -> None:
+        self._docks = tuple(docks)
         self._parameters = (
             *(parameters.empty_v, parameters.full_v - parameters.empty_v),
             *(parameters.internal_ohm, parameters.idle_a),
@@ -56,6 +68,11 @@ class Battery:
         charge = self.charge - amperes * dt / self._capacity_as
         self.charge = charge = min(charge, 1.0) if charge > 0.0 else 0.0
         self.volts = empty + span * charge - internal * amperes
+
+    def look(self, pose: Pose) -> None:
+        """Be charged if the robot stands in one of the docks; m, m, rad."""
+        if self._docks:
+            self.charging = in_contact(pose, self._docks)
 
     def _given(self) -> float:
         """What the charger gives now, A."""

@@ -9,7 +9,8 @@ PULSE, OPEN and CLOSE.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, remainder, tau
+from math import remainder, tau
+from typing import NamedTuple
 
 from armadico.bridge.p2os.commands import Cmd, Command, command, decode_command
 from armadico.bridge.p2os.configuration import (
@@ -30,10 +31,11 @@ from armadico.bridge.simulator.motion import (
     V_ACCEL_TOP,
     W_ACCEL_TOP,
     Motion,
-    Plant,
-    SpeedLoops,
 )
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.simulated import Controller
 from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
+from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.traps import KIND, Trap
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
@@ -46,11 +48,28 @@ FLOOD = 40 * PULSE
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
 
 
-class Microcontroller:
+class Steps(NamedTuple):
+    """Times of a controller, in steps of the plant."""
+
+    cycle: int  # from one status packet to the next
+    period: int  # from one ping to the next
+    patience: int  # of the watchdog
+    quiet: int  # until a packet that is broken off is given up
+    idle: int  # until a client that is silent is to go
+
+    @classmethod
+    def of(cls, profile: P2osRobot, step_s: float) -> Steps:
+        units, period_s = profile.p2os, profile.sonar.period_s
+        times_s = (units.cycle_s, period_s, units.watchdog_s, QUIET_S, IDLE_S)
+        cycle, period, patience, quiet, idle = (round(each / step_s) for each in times_s)
+        return cls(cycle, period, patience, quiet + 1, idle)
+
+
+class Microcontroller(Controller):
     """A Pioneer's controller on a simulated robot.
 
     The owner hands in what it read (`receive`), then lets time pass and writes what that returns
-    (`advance`). Nothing happens between two steps of the plant; answers, too, wait for `advance`.
+    (`advance`).
     """
 
     def __init__(
@@ -60,17 +79,13 @@ class Microcontroller:
         loops: SpeedLoops,
         traps: frozenset[Trap] = KIND,
     ) -> None:
+        super().__init__(plant)
         self.decoder = Decoder()
-        self._profile, self._plant, self._traps = profile, plant, traps
+        self._profile, self._traps = profile, traps
         self._motion = Motion(profile, plant, loops)
         self._firing = Firing(profile.sonar, plant.ping)
-        self._out = bytearray()
-        self._cycle = round(profile.p2os.cycle_s / plant.step_s)  # these in steps of the plant
-        self._period = round(profile.sonar.period_s / plant.step_s)
-        self._patience = round(profile.p2os.watchdog_s / plant.step_s)
-        self._quiet = round(QUIET_S / plant.step_s) + 1
-        self._idle = round(IDLE_S / plant.step_s)
-        self._now = self._heard_at = self._fed_at = self._next_status = self._next_ping = 0
+        self._steps = Steps.of(profile, plant.step_s)
+        self._heard_at = self._fed_at = self._next_status = self._next_ping = 0
         self._sync = 0  # the SYNC awaited; 3 or more once in step
         self._open = self._closed = False
         self._encoder_packets = 0
@@ -89,18 +104,8 @@ class Microcontroller:
         CLOSE ends it, even if the client keeps it, as AriaCoda does; so does a long silence in
         which nobody has status packets sent. A client that has may listen as long as it likes.
         """
-        idle = not self._open and self._now - self._heard_at >= self._idle
+        idle = not self._open and self._now - self._heard_at >= self._steps.idle
         return Trap.PORT not in self._traps and (self._closed or idle)
-
-    @property
-    def time_s(self) -> float:
-        """Simulation time reached, s."""
-        return self._now * self._plant.step_s
-
-    @property
-    def next_status_s(self) -> float:
-        """Simulation time of the next status packet, s; infinite while no client has it open."""
-        return self._next_status * self._plant.step_s if self._open else inf
 
     def break_sonars(self, how: Broken | None) -> None:
         """Have the sonar board fail from now on, or work again."""
@@ -116,21 +121,6 @@ class Microcontroller:
             else:
                 self._obey(decode_command(payload))
 
-    def advance(self, now_s: float) -> bytes:
-        """Let the simulation run on to `now_s`, and return what is to be sent to the client."""
-        until = int(now_s / self._plant.step_s + 1e-6)
-        while self._now < until:
-            stop = self._next_event(until)
-            self._motion.run(stop - self._now, self._watchdog_tripped())
-            self._now = stop
-            if self.decoder.pending and stop == self._fed_at + self._quiet:
-                self.receive(b"")  # what it held back for a packet's sake is let go: a stop, say
-            if self._open:
-                self._on_schedule()
-        data = bytes(self._out)
-        self._out.clear()
-        return data
-
     def disconnect(self) -> None:
         """End the session, as CLOSE does: the connection that carried it is gone, or is a new one.
 
@@ -142,25 +132,37 @@ class Microcontroller:
         self._closed = False
         self._heard_at = self._now
 
+    def _next_report(self) -> int:
+        return self._next_status
+
     def _next_event(self, until: int) -> int:
-        """The step up to which nothing but motion happens."""
+        until = super()._next_event(until)
         if self._open:
-            until = min(until, self._next_status, self._next_ping)
+            until = min(until, self._next_ping)
         if self.decoder.pending:
-            until = min(until, self._fed_at + self._quiet)
-        trip = self._heard_at + self._patience
+            until = min(until, self._fed_at + self._steps.quiet)
+        trip = self._heard_at + self._steps.patience
         return trip if self._now < trip < until else until
 
+    def _move(self, steps: int) -> None:
+        self._motion.run(steps, self._watchdog_tripped())
+
+    def _report(self) -> None:
+        if self.decoder.pending and self._now == self._fed_at + self._steps.quiet:
+            self.receive(b"")  # what it held back for a packet's sake is let go: a stop, say
+        if self._open:
+            self._on_schedule()
+
     def _watchdog_tripped(self) -> bool:
-        return self._now >= self._heard_at + self._patience
+        return self._now >= self._heard_at + self._steps.patience
 
     def _on_schedule(self) -> None:
         if self._now >= self._next_ping:
             self._firing.fire()
-            self._next_ping += self._period
+            self._next_ping += self._steps.period
         if self._now >= self._next_status:
-            self._report()
-            self._next_status += self._cycle
+            self._send_status()
+            self._next_status += self._steps.cycle
 
     def _synchronise(self, payload: bytes) -> None:
         """Answer SYNC0, SYNC1, SYNC2 in that order; anything else, and it is SYNC0's turn again."""
@@ -198,8 +200,8 @@ class Microcontroller:
         self._open = True
         if Trap.ODOMETRY in self._traps:
             self._motion.reset_odometry()
-        self._next_status = self._now + self._cycle
-        self._next_ping = self._now + self._period
+        self._next_status = self._now + self._steps.cycle
+        self._next_ping = self._now + self._steps.period
         self._firing.restore_order()
         self._firing.arrays = ALL
 
@@ -232,7 +234,7 @@ class Microcontroller:
     def _pretend_battery(self, command: Command) -> None:
         self._pretended_v = command.si
 
-    def _report(self) -> None:
+    def _send_status(self) -> None:
         """Send the status packet, the encoders' before it if they were asked for."""
         if self._encoder_packets > 1:
             self._send_encoders()
@@ -246,12 +248,12 @@ class Microcontroller:
             theta_rad=theta,
             left_m_s=left,
             right_m_s=right,
-            battery_v=self._pretended_v or plant.battery_v,
+            battery_v=self._pretended_v or plant.battery.volts,
             moving=max(abs(left), abs(right)) * 1e3 > _STANDING_MM_S,
             left_stall=motion.stalled,
             right_stall=motion.stalled,
             motors_enabled=motion.enabled,
-            charging=plant.charging,
+            charging=plant.battery.charging,
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
             turning_rad_s=plant.w,

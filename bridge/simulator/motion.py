@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import pi, remainder, tau
-from typing import Protocol
 
 from armadico.bridge.p2os.commands import Cmd, Command
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.motion_profile import Axis
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.speed_loops import SpeedLoops
 
 TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180
@@ -18,77 +19,6 @@ V_ACCEL_TOP = 2.0  # m/s^2, a P3-DX's; ARIA sends no SETA to a controller whose 
 W_ACCEL_TOP = 300 * pi / 180  # rad/s^2, a P3-DX's
 STALL_SHARE = 0.4  # of the supply: a motor that gets more and is held is stalled (StallVal; chosen)
 STALL_S = 0.2  # a stalled motor is off for so long (StallCount; chosen)
-
-Driver = Callable[[float, float], tuple[float, float]]
-"""Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
-
-
-class Plant(Protocol):
-    """The physical robot in its world, as far as its controller can feel and move it."""
-
-    @property
-    def step_s(self) -> float:
-        """Length of a step of the simulation, s."""
-
-    @property
-    def v(self) -> float:
-        """Measured linear speed, m/s."""
-
-    @property
-    def w(self) -> float:
-        """Measured angular speed, rad/s."""
-
-    @property
-    def left_m_s(self) -> float:
-        """Speed of the left wheel's rim, m/s."""
-
-    @property
-    def right_m_s(self) -> float:
-        """Speed of the right wheel's rim, m/s."""
-
-    @property
-    def odometry(self) -> tuple[float, float, float]:
-        """Pose as the encoders have it since the reset: m, m, rad."""
-
-    @property
-    def encoder_counts(self) -> tuple[int, int]:
-        """Counts of the left and the right encoder."""
-
-    @property
-    def blocked(self) -> bool:
-        """Whether an obstacle holds the body."""
-
-    @property
-    def battery_v(self) -> float:
-        """Voltage of the battery."""
-
-    @property
-    def charging(self) -> bool:
-        """Whether it is being charged."""
-
-    def run(self, steps: int, driver: Driver) -> None:
-        """Let steps pass; before each the driver turns v and w into the motors' voltages."""
-
-    def reset_odometry(self) -> None:
-        """Set the odometry to zero."""
-
-    def set_pose(self, x: float, y: float, theta: float) -> None:
-        """Put the robot elsewhere: true pose, m, m, rad."""
-
-    def ping(self, index: int) -> float | None:
-        """Range that a sonar measures now, m; None if there is no echo."""
-
-
-class SpeedLoops(Protocol):
-    """The controller's two speed loops (thesis 4.6.1)."""
-
-    def reset(self) -> None:
-        """Forget the past."""
-
-    def voltages(
-        self, v_set: float, w_set: float, v: float, w: float, dt: float
-    ) -> tuple[float, float]:
-        """Left and right motor voltage for the speeds set (m/s, rad/s) and measured."""
 
 
 class Motion:

@@ -13,17 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import cos, hypot, inf, sin
+from math import cos, inf, sin
 from random import Random
 
-from armadico.bridge.simulator.battery import Battery, in_contact
+from armadico.bridge.simulator.battery import Battery
 from armadico.bridge.simulator.company import Body, Company
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.kinematics import Kinematics
 from armadico.bridge.simulator.laser import LaserScanner
-from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
@@ -43,6 +42,9 @@ PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
 PRESSED_M = 0.002  # a bumper gives by more than what is left between body and wall
 PUSHING_M_S = 0.02  # who goes slower into another robot is run into, and runs into nobody
+
+Driver = Callable[[float, float], tuple[float, float]]
+"""Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
 
 Streams = Callable[[str], Random]
 """A random stream of one's own for a name; the same name gives the same numbers."""
@@ -73,14 +75,41 @@ speed ahead and the turn rate. `mobility` is what a force gains in a step.
 """
 
 
+@dataclass
+class Touches:
+    """What the outline has touched.
+
+    Contacts less than `APART_S` apart are one episode.
+    """
+
+    collisions: int = 0  # episodes, without
+    bumps: int = 0  # those in which a person walked into the robot
+    pushed: bool = False  # it touches something now that it pushes on
+    pressed_s: float = -inf  # when something last pressed on its front, s of simulation
+    step: float = -inf  # the last one in which it touched anything
+
+    def begin(self) -> None:
+        """The robot was put elsewhere."""
+        self.pushed, self.pressed_s, self.step = False, -inf, -inf
+
+    def count(self, touching: bool, bumped: bool, step: int) -> None:
+        """Count a step in which it touches something or not, and whether it was walked into."""
+        self.pushed = touching and not bumped
+        if touching:
+            if (step - self.step) * STEP_S > APART_S:
+                self.bumps += bumped
+                self.collisions += not bumped
+            self.step = float(step)
+
+
 class Plant:
     """A robot among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
 
-    `collisions` counts episodes in which the outline touches anything; contacts less than
-    `APART_S` apart are one episode. Those in which somebody walked into the robot are `bumps`, and
-    not among them. `blocked` says that in the last step the robot pushed a wall and came no
-    farther (rims below 2 cm/s). `pose` is the true one in the world: m, m, rad (not wrapped).
+    `blocked` says that in the last step the robot pushed a wall and came no farther (rims below
+    2 cm/s). `pose` is the true one in the world: m, m, rad (not wrapped).
     """
+
+    step_s = STEP_S
 
     def __init__(
         self,
@@ -89,12 +118,11 @@ class Plant:
         site: Site,
         rng: Streams,
     ) -> None:
-        self.step_s = STEP_S
         self.blocked = False
-        self.collisions = self.bumps = 0
+        self.touches = Touches()
         self.pose = site.start
-        self.battery = Battery(profile.battery, site.charge)
-        self._docks = tuple(site.docks)
+        self.battery = Battery(profile.battery, site.charge, site.docks)
+        self._profile = profile
         self._dynamics: Drive = (
             Kinematics(profile, STEP_S)
             if isinstance(profile, ModelledRobot)
@@ -112,25 +140,14 @@ class Plant:
             else LaserScanner(profile.laser, sensors, self._walls, rng)
         )
         self._box = box_of(profile)
-        self._corner_m = hypot(
-            abs(self._box.ahead) + self._box.half_length, self._box.half_width
-        )  # the outline's farthest point from the axle's middle
-        self._half_track = profile.body.half_track_m
         self._surfaces = Surfaces(sensors, rng)
         self._sideways = 0.0  # m/s to the left, only while a wall pushes
         self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
         self._steps = 0
-        self._touched: float = -inf  # the last step in which the outline touched
-        self._pressed: float = -inf  # the last one in which it touched something ahead
-        self._touching = False
         self.add_walls(site.walls)
         self.add_columns(site.columns)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
         self._company: Company | None = None
-        self._runaway = (
-            f"robot {profile.name!r}: its speeds grow without bound in the simulator's steps of"
-            f" {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with pioneer-2dx's"
-        )
         self._movement = (
             Movement(site.moving, site.walls, self._walls, self._box, rng) if site.moving else None
         )
@@ -148,10 +165,6 @@ class Plant:
         self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
 
-    def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
-        """One more wall, m."""
-        self.add_walls([(x1, y1, x2, y2)])
-
     def meet(self, others: Sequence[Body]) -> None:
         """Be in one world with other robots; whoever brings them all forward says `look_around`."""
         self._company = Company(self._walls, others)
@@ -167,8 +180,8 @@ class Plant:
         self.pose = (x, y, theta)
         self._dynamics.v = self._dynamics.w = self._sideways = 0.0
         self._margin = 0.0
-        self._touching = self.blocked = False
-        self._touched = self._pressed = -inf
+        self.blocked = False
+        self.touches.begin()
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -207,16 +220,6 @@ class Plant:
         """Ticks of the left and the right wheel since power-on."""
         return self._odometry.ticks
 
-    @property
-    def battery_v(self) -> float:
-        """Voltage at the battery's terminals, under its present load."""
-        return self.battery.volts
-
-    @property
-    def charging(self) -> bool:
-        """Whether it stands in a dock, in contact."""
-        return self.battery.charging
-
     def reset_odometry(self) -> None:
         """Call the present pose (0, 0, 0)."""
         self._odometry.reset()
@@ -229,11 +232,6 @@ class Plant:
         """What its laser says now: see `LaserScanner.scan`."""
         assert self._laser is not None, "it has one"
         return self._laser.scan(self.pose)
-
-    @property
-    def pressed_s(self) -> float:
-        """When something last pressed on its front, s of simulation; -inf: never."""
-        return self._pressed * STEP_S
 
     def clearance(self) -> float:
         """True way from the outline to the nearest wall, m; 0 when touching, inf without walls."""
@@ -256,17 +254,16 @@ class Plant:
         not change is looked up before, and the pose stays in locals while no wall is near.
         """
         dynamics, odometry, battery = self._dynamics, self._odometry, self.battery
-        corner, half_track = self._corner_m, self._half_track
+        corner, half_track = self.body.reach_m, self._profile.body.half_track_m
         by_volts, watts = dynamics.by_volts, dynamics.watts
         self._take_push()
         x, y, theta = self.pose
-        margin, walls_push = self._margin, self._touching or self._sideways != 0.0
+        margin, walls_push = self._margin, self.touches.pushed or self._sideways != 0.0
         v, w = dynamics.v, dynamics.w
         pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
         self.blocked = self.blocked and not steps
         moves = self._movement is not None
-        if self._docks:  # looked at as often as the controller does anything: 40 ms at the most
-            battery.charging = in_contact(self.pose, self._docks)
+        battery.look(self.pose)  # as often as the controller does anything: 40 ms at the most
         rests = False  # whether the step before changed nothing but the battery's charge
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
@@ -286,7 +283,7 @@ class Plant:
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
             if not pace < FASTEST_M_S:  # nor is it NaN
-                raise ConfigError(self._runaway)
+                raise self._runaway()
             reach = STEP_S * (pace if pace > pace0 else pace0)
             margin -= reach
             mean_v, mean_w = 0.5 * (v0 + v), 0.5 * (w0 + w)
@@ -300,7 +297,7 @@ class Plant:
                 self.pose, self._margin = (x, y, theta), margin
                 mean_v, mean_w = self._near(reach, mean_v, mean_w)
                 x, y, theta = self.pose
-                margin, walls_push = self._margin, self._touching or self._sideways != 0.0
+                margin, walls_push = self._margin, self.touches.pushed or self._sideways != 0.0
                 v, w = dynamics.v, dynamics.w
                 pace = abs(v) + corner * abs(w)
             dynamics.roll(mean_v, mean_w)
@@ -337,7 +334,7 @@ class Plant:
         went, met, bumped = self._movement.step(self._steps * STEP_S, self.pose, self.speeds)
         self._margin = max(0.0, self._margin - went)
         if met:
-            self._touch(touching=True, bumped=bumped)
+            self.touches.count(True, bumped, self._steps)
 
     def _move(self, v: float, u: float, w: float) -> None:
         """The body goes a step ahead, to the left and around."""
@@ -353,7 +350,7 @@ class Plant:
         gap = min((contact.gap for contact in contacts), default=SKIN_M)
         if gap > reach and not self._sideways:
             self._margin = gap - reach
-            self._touching = False
+            self.touches.pushed = False
             self._move(v, 0.0, w)
             return v, w
         force, speeds, met = 0.0, self.speeds, self._is_met(contacts)
@@ -361,13 +358,13 @@ class Plant:
             force = self._collide(contacts)
         touching = force > 0.0 or gap <= TOUCH_M
         if touching and any(met.v > 0.0 and met.gap <= PRESSED_M for met in contacts):
-            self._pressed = float(self._steps)
+            self.touches.pressed_s = self._steps * STEP_S
         moves = self._movement
         into = moves is not None and moves.walked_into(self.pose, speeds)
-        self._touch(touching, touching and (met or into))
+        self.touches.count(touching, touching and (met or into), self._steps)
         self._margin = 0.0
         v, w = self._dynamics.v, self._dynamics.w
-        rim = abs(v) + self._half_track * abs(w)
+        rim = abs(v) + self._profile.body.half_track_m * abs(w)
         self.blocked = force > 0.0 and rim < STALLED_M_S
         return v, w
 
@@ -393,11 +390,9 @@ class Plant:
             self._move(speed * deepest.v, speed * deepest.u, 0.0)
         return force
 
-    def _touch(self, touching: bool, bumped: bool = False) -> None:
-        """Count the episodes of contact: collisions, and what somebody `bumped` into."""
-        self._touching = touching and not bumped
-        if touching:
-            if (self._steps - self._touched) * STEP_S > APART_S:
-                self.bumps += bumped
-                self.collisions += not bumped
-            self._touched = float(self._steps)
+    def _runaway(self) -> ConfigError:
+        return ConfigError(
+            f"robot {self._profile.name!r}: its speeds grow without bound in the simulator's steps"
+            f" of {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with"
+            " pioneer-2dx's"
+        )

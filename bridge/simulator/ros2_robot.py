@@ -21,7 +21,7 @@ from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.ros2.profile import Ros2Robot, Topic
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.robots import Stage
-from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico.bridge.simulator.simulated import Controller, SimulatedRobot
 from armadico.mobile.geometry import Pose2
 
 IDLE_S = 10.0
@@ -31,8 +31,8 @@ BATTERY_HZ = 1.0
 HAZARDS_HZ = 20.0
 
 
-class Base:
-    """The base on its simulated robot; nothing happens between two steps of the plant.
+class Base(Controller):
+    """The base on its simulated robot.
 
     A laser's scan is taken in one instant, which is its stamp.
 
@@ -42,14 +42,13 @@ class Base:
     """
 
     def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
+        super().__init__(plant)
         self.decoder = Decoder()
         self.clock_s = clock_s
-        self._ros2, self._limits = profile.ros2, profile.limits
-        self._plant, self._name = plant, name
+        self._profile, self._ros2 = profile, profile.ros2
+        self._name = name
         self._wanted: frozenset[str] = frozenset()
-        self._out = bytearray()
-        self._now = self._heard_at = 0  # these and all times below in steps of the plant
-        self._idle = round(IDLE_S / plant.step_s)
+        self._heard_at = 0  # these and all times below in steps of the plant
         self._latency = round(profile.ros2.latency_s / plant.step_s)
         watchdog_s = profile.ros2.watchdog_s
         self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
@@ -63,15 +62,15 @@ class Base:
             (profile.ros2.battery, BATTERY_HZ, self._battery),
             (profile.ros2.hazards, HAZARDS_HZ, self._hazards),
         ]
-        self._laser, self._ring, self._pings = profile.laser, profile.sonar, 0
+        self._pings = 0
         if profile.sonar is not None:
-            order = [i for i in profile.sonar.firing_order if i < len(profile.sonar.sonars)]
+            order = profile.sonar.firing_order
             topics = profile.ros2.sonar
             turn_hz = 1.0 / (profile.sonar.period_s * len(order))
             if len(topics) == 1:
                 rates.append((topics[0], turn_hz * len(order), partial(self._range, order)))
             else:
-                rates += [(topics[i], turn_hz, partial(self._range, [i])) for i in order]
+                rates += [(topics[i], turn_hz, partial(self._range, (i,))) for i in order]
         if profile.laser is not None:
             rates.append((profile.ros2.scan, profile.laser.rate_hz, self._scan))
         self._topics = [
@@ -87,17 +86,7 @@ class Base:
     @property
     def hangs_up(self) -> bool:
         """A client that wants something may stay as long as it likes, and no other."""
-        return not self._wanted and self._now - self._heard_at >= self._idle
-
-    @property
-    def time_s(self) -> float:
-        """Simulation time reached, s."""
-        return self._now * self._plant.step_s
-
-    @property
-    def next_status_s(self) -> float:
-        """When it next says something, s of simulation."""
-        return self._next_said() * self._plant.step_s if self._wanted else inf
+        return not self._wanted and self._now - self._heard_at >= round(IDLE_S / self._plant.step_s)
 
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote, at the time reached; what is none of it is passed over."""
@@ -110,25 +99,6 @@ class Base:
                     self._command(payload)
             except ValueError:
                 continue
-
-    def advance(self, now_s: float) -> bytes:
-        """Let the simulation run on to `now_s`, and return what is to be sent to the client."""
-        until = int(now_s / self._plant.step_s + 1e-6)
-        while self._now < until:
-            stop = self._next_event(until)
-            if self._trips <= self._now:
-                self._set, self._trips = (0.0, 0.0), inf
-            v, w = self._set
-            self._plant.run(stop - self._now, lambda _v, _w, v=v, w=w: (v, w))  # type: ignore[misc]
-            self._now = stop
-            while self._commands and self._commands[0][0] <= stop:
-                _, *speeds = self._commands.popleft()
-                self._set = (speeds[0], speeds[1])
-                self._trips = stop + self._patience
-            self._publish()
-        data = bytes(self._out)
-        self._out.clear()
-        return data
 
     def disconnect(self) -> None:
         """The client is gone, or is a new one: nobody wants anything. The watchdog stops it."""
@@ -155,13 +125,12 @@ class Base:
             twist = decode(types.Twist, payload)
         v, w = twist.linear.x, twist.angular.z
         if isfinite(v) and isfinite(w):
-            most, most_w = self._limits.v_max, self._limits.w_max
+            most, most_w = self._profile.limits.v_max, self._profile.limits.w_max
             v, w = min(max(v, -most), most), min(max(w, -most_w), most_w)
             v, w = _whole(v, self._ros2.v_step), _whole(w, self._ros2.w_step)
             self._commands.append((self._now + self._latency, v, w))
 
-    def _next_said(self) -> int:
-        """The step in which it next says something that is wanted."""
+    def _next_report(self) -> int:
         return min(
             (
                 -int(-(count + 1) // per_step)
@@ -174,15 +143,25 @@ class Base:
     def _next_event(self, until: int) -> int:
         """The step up to which nothing but motion happens."""
         if self._wanted:
-            until = min(until, max(self._next_said(), self._now + 1))
+            until = min(until, max(self._next_report(), self._now + 1))
         if self._commands:
             until = min(until, max(self._commands[0][0], self._now + 1))
         if self._now < self._trips < until:
             until = int(self._trips)
         return until
 
-    def _publish(self) -> None:
-        """All that is due by now, once."""
+    def _move(self, steps: int) -> None:
+        if self._trips <= self._now:
+            self._set, self._trips = (0.0, 0.0), inf
+        v, w = self._set
+        self._plant.run(steps, lambda _v, _w: (v, w))
+
+    def _report(self) -> None:
+        """Obey the commands whose time has come, and publish all that is due, once."""
+        while self._commands and self._commands[0][0] <= self._now:
+            _, *speeds = self._commands.popleft()
+            self._set = (speeds[0], speeds[1])
+            self._trips = self._now + self._patience
         for index, (name, per_step, say) in enumerate(self._topics):
             due = int(self._now * per_step + 1e-9)
             if due > self._counts[index]:
@@ -218,7 +197,7 @@ class Base:
 
     def _mounted(self) -> types.TFMessage:
         """Where its sensors sit, said once."""
-        base, ring, laser = self._ros2.base_frame, self._ring, self._laser
+        base, ring, laser = self._ros2.base_frame, self._profile.sonar, self._profile.laser
         sonars = () if ring is None else ring.sonars
         found = [self._transform(base, sonar.frame or "", sonar.place) for sonar in sonars]
         if laser is not None:
@@ -240,7 +219,7 @@ class Base:
 
     def _range(self, order: Sequence[int]) -> types.Range:
         """What the sonar says whose turn it is."""
-        ring = self._ring
+        ring = self._profile.sonar
         assert ring is not None, "or nothing would say so"
         index = order[self._pings % len(order)]
         self._pings += 1
@@ -256,14 +235,14 @@ class Base:
     def _hazards(self) -> types.HazardDetectionVector:
         """What it has felt since it last said so: its bumper; there are no cliffs here."""
         felt = []
-        if self.time_s - self._plant.pressed_s <= 1.0 / HAZARDS_HZ:
+        if self.time_s - self._plant.touches.pressed_s <= 1.0 / HAZARDS_HZ:
             where = types.Header(stamp=self._stamp(), frame_id="bump_front_center")
             felt.append(types.HazardDetection(header=where, type=types.BUMP))
         header = types.Header(stamp=self._stamp(), frame_id=self._ros2.base_frame)
         return types.HazardDetectionVector(header=header, detections=felt)
 
     def _scan(self) -> types.LaserScan:
-        laser = self._laser
+        laser = self._profile.laser
         assert laser is not None, "or nothing would say so"
         first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
         return types.LaserScan(

@@ -1,47 +1,85 @@
 """A simulated robot, whole: the plant and its controller behind one port.
 
 Bytes and the time in, bytes out, and the truth for those who watch: the same object stands behind a
-TCP port or pty in real time (`server`) and behind the memory transport of the virtual mesh.
+TCP port or pty in real time (`server`) and behind a port of the virtual mesh.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
-from typing import Protocol
+from math import inf, isfinite
 
 from armadico.bridge.simulator.arena import Arena
 from armadico.bridge.simulator.plant import Plant
 from armadico.mobile.messages import Truth
 
 
-class Controller(Protocol):
-    """What speaks for the robot, in its protocol, and drives it."""
+class Controller:
+    """What speaks for the robot, in its protocol, and drives it; a kind of robot derives its own.
+
+    Nothing happens between two steps of the plant; answers, too, wait for `advance`.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self._now = 0  # in steps of the plant
+        self._out = bytearray()  # for the client
 
     @property
     def is_open(self) -> bool:
         """Whether a client has it send."""
+        raise NotImplementedError
 
     @property
     def hangs_up(self) -> bool:
         """Whether a connection that can be ended is to be."""
+        return False
 
     @property
     def time_s(self) -> float:
         """Simulation time reached, s."""
+        return self._now * self._plant.step_s
 
     @property
     def next_status_s(self) -> float:
         """Simulation time at which it next sends of its own accord, s; infinite: it does not."""
+        return self._next_report() * self._plant.step_s if self.is_open else inf
 
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote, at the time reached."""
+        raise NotImplementedError
 
     def advance(self, now_s: float) -> bytes:
         """Let the simulation run on to a time, and return what is to be sent to the client."""
+        until = int(now_s / self._plant.step_s + 1e-6)
+        while self._now < until:
+            stop = self._next_event(until)
+            self._move(stop - self._now)
+            self._now = stop
+            self._report()
+        data = bytes(self._out)
+        self._out.clear()
+        return data
 
     def disconnect(self) -> None:
         """The client is gone, or is a new one."""
+        raise NotImplementedError
+
+    def _next_report(self) -> int:
+        """The step in which it next sends of its own accord, while it is open."""
+        raise NotImplementedError
+
+    def _next_event(self, until: int) -> int:
+        """The step up to which nothing but motion happens, `until` at the latest."""
+        return min(until, self._next_report()) if self.is_open else until
+
+    def _move(self, steps: int) -> None:
+        """Have the plant move for so many steps."""
+        raise NotImplementedError
+
+    def _report(self) -> None:
+        """Send what is due at the time reached."""
+        raise NotImplementedError
 
 
 class SimulatedRobot:
@@ -111,10 +149,10 @@ class SimulatedRobot:
             theta=theta,
             v=v,
             w=w,
-            collisions=plant.collisions + plant.bumps,
+            collisions=plant.touches.collisions + plant.touches.bumps,
             clearance=clearance if isfinite(clearance) else None,
             simulator=self._name,
-            bumped=plant.bumps,
+            bumped=plant.touches.bumps,
             charge=plant.battery.charge,
             used=plant.battery.used_j,
         )

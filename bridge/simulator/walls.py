@@ -241,13 +241,8 @@ class Walls:
             moving = moving.joined(self._robots.segments)
         return self._all, moving, self._columns
 
-    def near_columns(self, x: float, y: float) -> Columns:
-        """Every column within `NEAR_M` of a point, and perhaps some more."""
-        self.near(x, y)
-        return self._near_columns
-
     def plain_columns(self, x: float, y: float) -> list[Round]:
-        """The same columns, one by one."""
+        """Every column within `NEAR_M` of a point, and perhaps some more, one by one."""
         self.near(x, y)
         return self._plain_columns
 

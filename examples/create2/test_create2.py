@@ -89,7 +89,7 @@ def test_the_faster_wheel_bounds_both() -> None:
 def test_a_wall_is_seen_by_the_light_bumpers(bench: Bench) -> None:
     assert {distance for _, distance in bench.run(0.5).echoes} == {0.2}
     x, y, _ = bench.robot.plant.pose
-    bench.robot.plant.add_segment(x + 0.28, y - 1.0, x + 0.28, y + 1.0)
+    bench.robot.plant.add_walls([(x + 0.28, y - 1.0, x + 0.28, y + 1.0)])
     near = dict(bench.run(0.5).echoes)
     assert near[2] == pytest.approx(0.114, abs=0.01)
     assert near[0] == 0.2, "it looks aside"

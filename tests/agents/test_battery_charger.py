@@ -248,7 +248,7 @@ def test_a_silent_battery_sensor_is_told_of_and_the_voltage_itself_goes() -> Non
 
 def test_a_dock_without_power_is_tried_beside_and_then_left() -> None:
     society = Society(0.4, capacity_ah=5.0)
-    society.rehearsal.robot.plant._docks = ()
+    society.rehearsal.robot.plant.battery._docks = ()
     society.until(lambda: any("will not do: no contact" in text for text in society.logs), 200.0)
     states = [state for _, state in society.states]
     tries = [

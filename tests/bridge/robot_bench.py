@@ -7,12 +7,11 @@ from typing import Any
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder, encode
-from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
-from armadico.config.loading import find, load
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
+from tests.bridge.kit import PROFILE
 
 
 def names_of(subclass: str, class_name: str = "Pioneer", name: str = "Rob") -> bytes:
@@ -21,7 +20,6 @@ def names_of(subclass: str, class_name: str = "Pioneer", name: str = "Rob") -> b
 
 
 NAMES = names_of("p2dx")
-PROFILE = load(find("robots", "pioneer-2dx"), P2osRobot)
 BALLOT = Ballot(5, 0.6, False, "goto-1")
 TICK = 0.01
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, inf, pi
+from math import inf, pi
 from typing import Any, cast
 
 import pytest
 
 from armadico.bridge.simulator.arena import Arena
-from armadico.bridge.simulator.company import Company
 from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.plant import STEP_S
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 
-from .test_plant import AHEAD, FRONT, PROFILE, REAR, ROOM, SIDE, plant
+from .test_plant import AHEAD, FRONT, PROFILE, REAR, ROOM, plant
 
 Pose = tuple[float, float, float]
 
@@ -86,8 +85,8 @@ def test_who_drives_into_another_pushes_it_and_is_to_blame() -> None:
     assert other.plant.pose[0] > 0.2, "it was pushed ahead"
     assert one.plant.pose[0] < other.plant.pose[0] - FRONT - REAR + 0.002
     assert least > -0.002, "and never entered"
-    assert (one.plant.collisions, one.plant.bumps) == (1, 0)
-    assert (other.plant.collisions, other.plant.bumps) == (0, 1)
+    assert (one.plant.touches.collisions, one.plant.touches.bumps) == (1, 0)
+    assert (other.plant.touches.collisions, other.plant.touches.bumps) == (0, 1)
 
 
 def test_head_on_both_stop_and_both_are_to_blame() -> None:
@@ -95,7 +94,7 @@ def test_head_on_both_stop_and_both_are_to_blame() -> None:
     least = run(together(one, other), (one, other), 8.0)
     assert least > -0.002
     assert abs(one.plant.pose[0] + other.plant.pose[0]) < 0.05, "neither gives way"
-    assert one.plant.collisions == other.plant.collisions == 1
+    assert one.plant.touches.collisions == other.plant.touches.collisions == 1
 
 
 def test_momentum_goes_over_when_one_hits_another() -> None:
@@ -151,11 +150,3 @@ def test_alone_in_an_arena_is_alone() -> None:
 def test_nobody_starts_in_another() -> None:
     with pytest.raises(ValueError, match="cannot start at 0, 0"):
         together(Driven((0.0, 0.0, 0.0)), Driven((0.2, 0.0, 0.0)))
-
-
-def test_far_robots_are_within_reach_of_nobody() -> None:
-    one, other = Driven((-1.0, 0.0, 0.0)), Driven((2.0, 0.0, 0.0))
-    together(one, other)
-    assert isinstance(one.plant._company, Company)
-    assert apart(one, other) == inf
-    assert hypot(FRONT, SIDE) < 1.0

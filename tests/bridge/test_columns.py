@@ -6,28 +6,22 @@ from math import cos, hypot, inf, radians, sin
 from random import Random
 
 import pytest
-from msgspec.structs import replace
 
 from armadico.bridge.simulator.contact import box_of
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.walls import Box, Column, Surface, Walls
 from armadico.config.errors import ConfigError
-from armadico.config.loading import find, load_entry
 from armadico.config.maps import parse_map
 from armadico.config.mapwriter import format_map
-from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.profile import SensorProfile
 from armadico.config.worlds import World, sides
+from tests.bridge.kit import EXACT, PROFILE, REAL
 
-PROFILE = load_profile("pioneer-2dx")
-IDEAL, REAL = (
-    load_entry(find("robots", "sensors"), SensorProfile, name) for name in ("ideal", "real")
-)
-NOISELESS = replace(IDEAL, sonar_noise_m=0.0, dropout=0.0)
 ROUGH = Surface(cos(radians(60.0)), 0.0)
 AHEAD = 3  # the sonar: at 0.166, 0.027 m, 10 degrees to the left
 
 
-def among(columns: list[Column], sensors: SensorProfile = NOISELESS) -> Plant:
+def among(columns: list[Column], sensors: SensorProfile = EXACT) -> Plant:
     return Plant(PROFILE, sensors, Site(columns=columns), seeded(1))
 
 
@@ -59,9 +53,9 @@ def test_a_column_is_touched_where_it_is_and_counted_once(aside: float) -> None:
     robot = among([(1.0, aside, 0.075)])
     for _ in range(800):
         robot.step(4.0, 4.0)
-        if robot.collisions:
+        if robot.touches.collisions:
             break
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
     assert robot.clearance() == pytest.approx(0.0, abs=0.002)
     front = robot.pose[0] + box_of(PROFILE).ahead + box_of(PROFILE).half_length
     over = max(aside - PROFILE.body.width_m / 2, 0.0)
@@ -72,7 +66,7 @@ def test_past_a_column_nothing_is_touched() -> None:
     robot = among([(1.0, PROFILE.body.width_m / 2 + 0.085, 0.075)])
     for _ in range(800):
         robot.step(4.0, 4.0)
-    assert robot.collisions == 0
+    assert robot.touches.collisions == 0
     assert robot.pose[0] > 1.5
 
 
@@ -80,7 +74,7 @@ def test_an_echo_of_a_column_is_of_its_nearest_edge() -> None:
     sonar = PROFILE.sonar.sonars[AHEAD]
     bearing = radians(sonar.bearing_deg)
     x, y = sonar.x_m + 1.5 * cos(bearing), sonar.y_m + 1.5 * sin(bearing)
-    for sensors in (NOISELESS, REAL):
+    for sensors in (EXACT, REAL):
         heard = [among([(x, y, 0.2)], sensors).ping(AHEAD) for _ in range(1)]
         assert heard[0] is None or heard[0] == pytest.approx(1.3, abs=0.06)
     assert among([(x, y, 0.2)]).ping(AHEAD) == pytest.approx(1.3, abs=0.001)

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import random
-import tomllib
-from importlib.resources import files
 from itertools import pairwise
 from math import acos, cos, degrees, hypot, pi, sin
 
 import msgspec
 import pytest
 
-from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
+from tests.bridge.kit import PROFILE
 
-PROFILE = msgspec.convert(
-    tomllib.loads(files("armadico.configs").joinpath("robots/pioneer-2dx.toml").read_text()),
-    P2osRobot,
-)
 STEP_S = 0.005
 ANGLES = [k * pi / 6 for k in range(12)]
 

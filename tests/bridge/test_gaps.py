@@ -11,16 +11,15 @@ from msgspec.structs import replace
 
 from armadico.bridge.gaps import SHARE, SLOWEST_M_S, Gaps, met_within
 from armadico.bridge.ros2.profile import Ros2Robot
-from armadico.config.profile import Laser, load_profile
+from armadico.config.profile import load_profile
 from armadico.core.messages import Cycle
 from armadico.mobile.scans import message_of
+from tests.bridge.kit import JACKAL
 
 
 def jackal(rays: int) -> Ros2Robot:
-    profile = load_profile("jackal")
-    assert isinstance(profile, Ros2Robot)
-    assert isinstance(profile.laser, Laser)
-    return replace(profile, laser=replace(profile.laser, rays=rays))
+    assert JACKAL.laser is not None
+    return replace(JACKAL, laser=replace(JACKAL.laser, rays=rays))
 
 
 @given(st.integers(2, 2048))

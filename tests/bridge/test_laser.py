@@ -14,13 +14,11 @@ from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.moving import CLOTHES
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Column, Wall, Walls
-from armadico.config.loading import load_entry
 from armadico.config.profile import Laser, SensorProfile
-from armadico.config.shipped import find
+from tests.bridge.kit import IDEAL
 
 Pose = tuple[float, float, float]
 
-IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
 FRONT = Laser(0.2, 0.05, 10.0, 0.1, 30.0, -135.0, 135.0, 271, 40.0, 0.0)
 AROUND = Laser(0.0, 0.0, 0.0, 0.1, 8.0, 0.0, 359.0, 360, 5.0, 0.0)
 AT: Pose = (0.0, 0.0, 0.0)

@@ -9,21 +9,18 @@ from math import dist, hypot, inf, pi
 import msgspec
 import pytest
 
-from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, Movement, pushed
+from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, pushed
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.walls import Wall
 from armadico.cli import sim as command
 from armadico.cli.options import UsageError
-from armadico.config.loading import find, load_entry
 from armadico.config.moving import Moving
-from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.processes import simulator_words
+from tests.bridge.kit import IDEAL, PROFILE, REAL
 
-PROFILE = load_profile("pioneer-2dx")
-IDEAL, REAL = (load_entry(find("robots", "sensors"), SensorProfile, n) for n in ("ideal", "real"))
 FRONT = PROFILE.body.front_m
 Moves = Callable[[float, float], tuple[float, float]]
 ROOM: list[Wall] = [(-3, -3, 4, -3), (4, -3, 4, 3), (4, 3, -3, 3), (-3, 3, -3, -3)]
@@ -64,7 +61,7 @@ def test_people_walk_about_the_room_and_stay_in_it() -> None:
     assert 15.0 < ways[0] < 60.0
     assert 8.0 < ways[1] < 30.0
     assert robot.pose == (0.0, 0.0, 0.0)
-    assert (robot.collisions, robot.bumps) == (0, 0)
+    assert (robot.touches.collisions, robot.touches.bumps) == (0, 0)
 
 
 def test_who_heeds_the_robot_keeps_clear_of_it() -> None:
@@ -74,14 +71,14 @@ def test_who_heeds_the_robot_keeps_clear_of_it() -> None:
         wait(robot, 0.1)
         least = min(least, robot.clearance())
     assert least > HEED_M - 0.03  # a sonar's person is a little larger, having corners
-    assert (robot.collisions, robot.bumps) == (0, 0)
+    assert (robot.touches.collisions, robot.touches.bumps) == (0, 0)
 
 
 def test_who_walks_into_a_standing_robot_is_to_blame() -> None:
     robot = plant(walker(1.0, 0.0, heeds=False), walls=PEN)
     wait(robot, 60.0)
-    assert robot.bumps > 0
-    assert robot.collisions == 0
+    assert robot.touches.bumps > 0
+    assert robot.touches.collisions == 0
     assert robot.pose == (0.0, 0.0, 0.0)
 
 
@@ -90,8 +87,8 @@ def test_a_robot_that_drives_into_somebody_is_to_blame_itself() -> None:
     robot = plant(walker(1.2, 0.0), walls=nook)
     wait(robot, 8.0, 6.0)
     x, _ = person(robot)
-    assert robot.collisions == 1
-    assert robot.bumps == 0
+    assert robot.touches.collisions == 1
+    assert robot.touches.bumps == 0
     assert robot.blocked
     assert robot.pose[0] + FRONT == pytest.approx(x - 0.25, abs=0.02)
 
@@ -105,24 +102,24 @@ def test_who_walks_faster_into_a_robot_that_turns_is_to_blame() -> None:
     for seed in range(1, 6):
         robot = plant(walker(1.0, 0.2, heeds=False, speed=1.2), walls=PEN, seed=seed)
         robot.run(round(20.0 / robot.step_s), spin(0.3))
-        assert robot.bumps > 0
-        assert robot.collisions == 0
+        assert robot.touches.bumps > 0
+        assert robot.touches.collisions == 0
 
 
 def test_a_robot_that_is_faster_than_who_comes_is_to_blame() -> None:
     aisle: list[Wall] = [(-1, -0.4, 6, -0.4), (6, -0.4, 6, 0.4), (6, 0.4, -1, 0.4)]
     robot = plant(walker(5.0, 0.0, heeds=False, speed=0.2), walls=aisle)
     wait(robot, 10.0, 8.0)
-    assert robot.collisions > 0
+    assert robot.touches.collisions > 0
 
 
 def test_who_has_walked_into_the_robot_steps_out_of_its_way() -> None:
     robot = plant(walker(1.0, 0.0, heeds=False), walls=ROOM)
-    while not robot.bumps:
+    while not robot.touches.bumps:
         wait(robot, 0.05)
     wait(robot, 2.0)
     assert robot.clearance() > HEED_M
-    assert robot.bumps == 1
+    assert robot.touches.bumps == 1
 
 
 def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
@@ -130,8 +127,8 @@ def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
     for seed in range(1, 11):
         robot = plant(walker(2.5, 0.1), walls=[], seed=seed)
         wait(robot, 8.0, 6.0)
-        assert robot.pose[0] > 3.0 or robot.collisions
-        touched += robot.collisions
+        assert robot.pose[0] > 3.0 or robot.touches.collisions
+        touched += robot.touches.collisions
     assert touched == 0
 
 
@@ -169,7 +166,7 @@ def test_the_truth_tells_whose_fault_it_was() -> None:
     pioneer = Pioneer(PROFILE, Stage(IDEAL, Site(PEN, moving=[someone]), seeded(1)))
     wait(pioneer.plant, 60.0)
     truth = pioneer.truth()
-    assert truth.collisions == truth.bumped == pioneer.plant.bumps > 0
+    assert truth.collisions == truth.bumped == pioneer.plant.touches.bumps > 0
 
 
 def test_a_sonar_hears_people_with_either_sensors() -> None:
@@ -197,7 +194,7 @@ def test_a_box_put_down_stops_the_robot() -> None:
     assert robot.clearance() == pytest.approx(1.3 - FRONT)
     wait(robot, 6.0, 6.0)
     assert robot.pose[0] + FRONT == pytest.approx(1.3, abs=0.001)
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
 
 
 @pytest.mark.parametrize(
@@ -265,11 +262,6 @@ def test_what_moves_comes_from_the_seed_and_steps_in_one_go_are_those_one_by_one
             singly.step(5.0, 4.0)
         assert (at_once.pose, person(at_once)) == (singly.pose, person(singly))
     assert walked(1) == walked(1) != walked(2)
-
-
-def test_a_world_in_which_nothing_moves_has_no_movement() -> None:
-    assert plant()._movement is None
-    assert isinstance(plant(walker(2.0, 2.0))._movement, Movement)
 
 
 def test_a_live_simulator_is_told_what_moves() -> None:

@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 from armadico.bridge.obedience import MARGIN_M_S, PATIENCE_S, RAMPS, Obedience
 from armadico.bridge.p2os.commands import Cmd
 from armadico.bridge.session import Pose, Reported
-from armadico.config.profile import load_profile
 from armadico.core.agent import ERROR
 from armadico.core.cycles import LISTEN
 from armadico.core.hands import Hand
 from armadico.core.messages import Log, Stop
+from tests.bridge.kit import PROFILE
 from tests.bridge.robot_bench import Bench
 
-PROFILE = load_profile("pioneer-2dx")
 HALF = PROFILE.body.half_track_m
 CYCLE = PROFILE.cycle_s
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
-from importlib.resources import files
 from math import cos, degrees, hypot, inf, pi, radians, sin
 from random import Random
 
 import msgspec
 import pytest
 
-from armadico.bridge.p2os.profile import P2osRobot
-from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
@@ -20,18 +16,10 @@ from armadico.bridge.simulator.walls import Wall
 from armadico.config.errors import ConfigError
 from armadico.config.profile import SensorProfile
 from armadico.mobile.geometry import Pose2, compose
+from tests.bridge.kit import HOME, IDEAL, PROFILE, REAL
 
-
-def config(name: str) -> dict[str, object]:
-    return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
-
-
-PROFILE = msgspec.convert(config("pioneer-2dx"), P2osRobot)
-IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
-REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
 FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.width_m / 2
 PENETRATION_M = 0.001  # no corner is ever farther behind a wall
-HOME = (0.0, 0.0, 0.0)
 AHEAD = 3  # the sonar
 DOCK = (2.0, -1.0, pi / 2)
 ROOM = [
@@ -93,7 +81,7 @@ def test_driving_into_a_wall_stops_there_and_counts_once(volts: float, heading: 
         robot.step(volts, volts)
         watch()
     assert deepest < PENETRATION_M
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
     if heading != -0.7:  # there it slides along the wall, and a little off
         assert robot.clearance() == 0.0
 
@@ -110,14 +98,14 @@ def test_steps_in_one_go_are_those_one_by_one(sensors: SensorProfile) -> None:
             singly.step(left_v, right_v)
         blocked += singly.blocked
         assert state(at_once) == state(singly)
-    assert singly.collisions
+    assert singly.touches.collisions
     assert 0 < blocked < len(phases)
 
 
 def state(robot: Plant) -> tuple[object, ...]:
     return (
         *(robot.pose, robot.speeds, robot.odometry, robot.encoder_counts, robot.v, robot.w),
-        *(robot.battery_v, robot.blocked, robot.collisions, robot.ping(AHEAD)),
+        *(robot.battery.volts, robot.blocked, robot.touches.collisions, robot.ping(AHEAD)),
     )
 
 
@@ -146,7 +134,7 @@ def test_backing_off_works(heading: float) -> None:
     drive(robot, -0.3, 0.0, 4.0, pi=pi_loops)
     assert robot.v == pytest.approx(-0.3, abs=0.01)
     assert robot.clearance() > 0.4
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
 
 
 @pytest.mark.parametrize("turn", [9.0, -9.0])
@@ -176,7 +164,7 @@ def test_the_end_of_a_wall_stops_it_and_turns_it() -> None:
     ahead = cos(theta) * (1.0 - x) + sin(theta) * (0.05 - y)
     assert ahead > FRONT - PENETRATION_M
     assert abs(theta) > 0.1
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
 
 
 def test_contacts_less_than_half_a_second_apart_are_one_collision() -> None:
@@ -187,7 +175,7 @@ def test_contacts_less_than_half_a_second_apart_are_one_collision() -> None:
             for _ in range(round(apart_s / robot.step_s)):
                 robot.step(volts, volts)
         drive(robot, 0.5, 0.0, 3.0)
-        assert robot.collisions == expected
+        assert robot.touches.collisions == expected
 
 
 def test_resting_against_a_wall_is_the_same_collision() -> None:
@@ -198,14 +186,14 @@ def test_resting_against_a_wall_is_the_same_collision() -> None:
     drive(robot, 0.0, 0.0, 3.0)
     assert robot.pose == pose
     drive(robot, 0.5, 0.0, 1.0)
-    assert robot.collisions == 1
+    assert robot.touches.collisions == 1
 
 
 def test_nothing_is_counted_that_is_not_touched() -> None:
     robot = plant([(-5.0, SIDE + 0.002, 5.0, SIDE + 0.002), (1.0, -9.0, 1.0, -SIDE - 0.002)])
     drive(robot, 0.5, 0.0, 4.0)
     assert robot.pose[0] > 1.5
-    assert robot.collisions == 0
+    assert robot.touches.collisions == 0
 
 
 def test_a_wild_drive_never_leaves_the_room() -> None:
@@ -218,7 +206,7 @@ def test_a_wild_drive_never_leaves_the_room() -> None:
             robot.step(left, right)
             for x, y in corners(robot):
                 deepest = max(deepest, x - 4.0, -2.0 - x, y - 2.0, -2.0 - y)
-    assert robot.collisions > 5
+    assert robot.touches.collisions > 5
     assert deepest < PENETRATION_M
 
 
@@ -239,7 +227,7 @@ def test_knocks_never_add_energy() -> None:
             after = body.energy() + 0.5 * robot._outline.mass_kg * robot._sideways**2
             assert after <= before
             before = after
-        knocks += robot.collisions
+        knocks += robot.touches.collisions
     assert knocks > 10
 
 
@@ -253,7 +241,7 @@ def test_a_robot_set_down_in_a_wall_is_pushed_out() -> None:
 def test_walls_can_be_added_while_it_drives() -> None:
     robot = plant()
     drive(robot, 0.5, 0.0, 1.0)
-    robot.add_segment(1.0, -1.0, 1.0, 1.0)
+    robot.add_walls([(1.0, -1.0, 1.0, 1.0)])
     drive(robot, 0.5, 0.0, 4.0)
     assert robot.blocked
     assert robot.pose[0] + FRONT == pytest.approx(1.0, abs=PENETRATION_M)
@@ -276,37 +264,8 @@ def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(ask: in
         lazy.step(left, right)
         eager.step(left, right)
         assert lazy.pose == eager.pose
-    assert (lazy.collisions, lazy.odometry) == (eager.collisions, eager.odometry)
-    assert lazy.collisions > 2
-
-
-def test_far_from_walls_pymunk_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = plant(ROOM)
-    asked: list[Pose2] = []
-    contacts = robot._outline.contacts
-
-    def noted(pose: Pose2) -> list[Contact]:
-        asked.append(pose)
-        return contacts(pose)
-
-    monkeypatch.setattr(robot._outline, "contacts", noted)
-    for k in range(200):
-        if k % 20 == 0:
-            robot.clearance()
-        robot.step(4.0, 4.0)
-    assert robot.clearance() > 0.5
-    assert asked == []
-    for _ in range(900):
-        robot.step(8.0, 8.0)
-    assert asked
-    assert robot.collisions == 1
-    for k in range(600):
-        robot.step(-4.0, -4.0)
-        if k == 200:
-            robot.clearance()
-            asked.clear()
-    assert robot.clearance() > 0.5
-    assert len(asked) < 40  # in 400 steps
+    assert (lazy.touches.collisions, lazy.odometry) == (eager.touches.collisions, eager.odometry)
+    assert lazy.touches.collisions > 2
 
 
 # Motion and its measures ------------------------------------------------------------------------
@@ -357,7 +316,7 @@ def test_set_down_at_another_wall_it_meets_that_too() -> None:
         for _ in range(60):
             robot.step(6.0, 6.0)
         assert robot.pose[0] + FRONT == pytest.approx(x, abs=PENETRATION_M)
-    assert robot.collisions == 3
+    assert robot.touches.collisions == 3
 
 
 def drift_after(sensors: SensorProfile, seed: int = 1) -> float:
@@ -412,17 +371,17 @@ def test_slip_wanders_and_an_ideal_robot_does_not() -> None:
 
 def test_the_battery_drains_with_the_motors_and_sags_under_load() -> None:
     resting, driving, pressing = plant(), plant(), plant([(0.22, -1.0, 0.22, 1.0)])
-    full = resting.battery_v
+    full = resting.battery.volts
     for _ in range(4000):
         resting.step(0.0, 0.0)
         driving.step(6.0, 6.0)
         pressing.step(12.0, 12.0)
-    assert full > resting.battery_v > driving.battery_v > pressing.battery_v
+    assert full > resting.battery.volts > driving.battery.volts > pressing.battery.volts
     amperes = 2 * 12.0 / PROFILE.motor.resistance_ohm
-    sag = full - pressing.battery_v
+    sag = full - pressing.battery.volts
     assert sag == pytest.approx(PROFILE.battery.internal_ohm * amperes, rel=0.15)
     driving.step(0.0, 0.0)
-    assert driving.battery_v < resting.battery_v
+    assert driving.battery.volts < resting.battery.volts
     assert driving.battery.charge < resting.battery.charge
 
 
@@ -433,23 +392,23 @@ def docked(at: Pose2, charge: float = 0.5) -> Plant:
 def test_a_battery_begins_with_the_charge_that_it_is_given() -> None:
     full, half = docked((9.0, 9.0, 0.0), 1.0), docked((9.0, 9.0, 0.0))
     span = PROFILE.battery.full_v - PROFILE.battery.empty_v
-    assert full.battery_v - half.battery_v == pytest.approx(0.5 * span)
+    assert full.battery.volts - half.battery.volts == pytest.approx(0.5 * span)
 
 
 def test_it_is_charged_while_its_contacts_meet_those_of_a_dock() -> None:
     x, y, theta = DOCK
     robot = docked(DOCK)
-    before = robot.battery_v
+    before = robot.battery.volts
     robot.run(1, lambda _v, _w: (0.0, 0.0))
-    assert robot.charging
-    assert robot.battery_v > before  # a charger lifts the voltage
+    assert robot.battery.charging
+    assert robot.battery.volts > before  # a charger lifts the voltage
     robot.run(round(360.0 / robot.step_s), lambda _v, _w: (0.0, 0.0))
     battery = PROFILE.battery
     gained = 0.1 * (battery.charge_a - battery.idle_a) / battery.capacity_ah
     assert robot.battery.charge == pytest.approx(0.5 + gained, rel=1e-3)
     robot.set_pose(x + 0.2, y, theta)
     robot.run(1, lambda _v, _w: (0.0, 0.0))
-    assert not robot.charging
+    assert not robot.battery.charging
 
 
 @pytest.mark.parametrize(
@@ -466,7 +425,7 @@ def test_it_is_charged_while_its_contacts_meet_those_of_a_dock() -> None:
 def test_a_few_centimetres_and_degrees_off_is_no_contact(off: Pose2, charged: bool) -> None:
     robot = docked(compose(DOCK, off))
     robot.run(1, lambda _v, _w: (0.0, 0.0))
-    assert robot.charging is charged
+    assert robot.battery.charging is charged
 
 
 def test_the_charger_gives_less_and_less_and_fills_no_more_than_the_battery_holds() -> None:
@@ -488,7 +447,7 @@ def test_no_motor_gets_more_than_the_battery_has() -> None:
     one, other = plant(), plant()
     for _ in range(200):
         one.step(100.0, -100.0)
-        other.step(other.battery_v, -other.battery_v)
+        other.step(other.battery.volts, -other.battery.volts)
         assert one.pose == other.pose
 
 
@@ -502,8 +461,10 @@ def diary(seed: int) -> list[object]:
         v, w = 0.4, 0.8 * sin(k / 300)
         robot.step(*pi_loops.voltages(v, w, robot.v, robot.w, robot.step_s))
         if k % 8 == 0:
-            entries.append((robot.ping(k // 8 % 8), robot.pose, robot.odometry, robot.battery_v))
-    return [*entries, robot.encoder_counts, robot.collisions, robot.clearance()]
+            entries.append(
+                (robot.ping(k // 8 % 8), robot.pose, robot.odometry, robot.battery.volts)
+            )
+    return [*entries, robot.encoder_counts, robot.touches.collisions, robot.clearance()]
 
 
 def test_the_same_seed_is_the_same_run_bit_for_bit() -> None:

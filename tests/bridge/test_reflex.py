@@ -10,14 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.reflex import KEPT_S, SAY_S, TOUCH_M, Reflex
-from armadico.config.loading import find, load
 from armadico.core.cycles import LISTEN
 from armadico.mobile.messages import Echo
+from tests.bridge.kit import PROFILE
 from tests.bridge.robot_bench import Bench
 
-PROFILE = load(find("robots", "pioneer-2dx"), P2osRobot)
 FRONT, DECEL = PROFILE.body.front_m, PROFILE.limits.v_decel
 ORIGIN = (0.0, 0.0, 0.0)
 AHEAD = PROFILE.sonar.sonars[3]

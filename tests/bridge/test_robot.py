@@ -15,14 +15,13 @@ from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.reflex import HELD_S
 from armadico.bridge.robot import PATIENCE_S, PULSE_S, Parameters, Robot
 from armadico.config.profile import load_profile
-from armadico.core.agent import ERROR, INFO, REPORT_S, WARNING, Identity
+from armadico.core.agent import ERROR, INFO, WARNING, Identity
 from armadico.core.cycles import LISTEN
 from armadico.core.hands import Hand
 from armadico.core.messages import (
     JUMP,
     Ack,
     Ballot,
-    Claim,
     Command,
     Cycle,
     Description,
@@ -36,7 +35,8 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Origin, Sonar
-from tests.bridge.robot_bench import BALLOT, NAMES, PROFILE, TICK, Bench, names_of
+from tests.bridge.kit import PROFILE
+from tests.bridge.robot_bench import BALLOT, NAMES, TICK, Bench, names_of
 
 CLOSE = command(Cmd.CLOSE)
 AT_REST = Status(
@@ -61,38 +61,10 @@ def ready() -> Bench:
     return Bench().connect().cycles(LISTEN + 2)
 
 
-def test_the_first_bytes_of_all_close_what_may_be_open(bench: Bench) -> None:
-    bench.plug()
-    assert bench.raw.startswith(CLOSE)
-
-
-def test_a_port_that_opens_and_closes_again_is_told_ever_more_rarely(bench: Bench) -> None:
-    """A server that hangs up in the handshake."""
-    for _ in range(50):
-        bench.plug()
-        bench.answer(SYNC0)
-        bench.unplug()
-    assert sum("is open" in text for text in bench.logs()) == 6
-    assert sum("is gone" in text for text in bench.logs()) == 6
-    bench.connect().cycles(1)
-    bench.unplug()
-    assert "is gone" in bench.logs()[-1]
-
-
 def test_who_does_not_answer_is_told_ever_more_rarely(bench: Bench) -> None:
     bench.plug()
     bench.let_pass(30.0)
     assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
-
-
-def test_who_sends_status_packets_and_does_not_hear_is_told(bench: Bench) -> None:
-    """The wire to the robot is broken, the one from it is not."""
-    bench.plug()
-    for _ in range(300):
-        bench.let_pass(0.1)
-        bench.answer(encode(encode_status(AT_REST, PROFILE.p2os)))
-    assert 3 <= sum("does not hear us" in text for text in bench.logs()) <= 8
-    assert not any(isinstance(m, RobotState) for _, m in bench.said)
 
 
 def test_a_name_of_control_characters_reaches_nobody(bench: Bench) -> None:
@@ -199,15 +171,6 @@ def test_a_controller_of_another_type_that_fits_takes_a_release_to_be_driven(
     bench.let_pass(0.1)
     bench.command(0.3)
     assert any(bench.speeds(began)) is not latched
-
-
-def test_a_refused_controller_is_asked_again_and_told_ever_more_rarely(bench: Bench) -> None:
-    bench.plug()
-    for _ in range(60):
-        bench.answer(SYNC0, SYNC1, names_of("p3dx-sh"))
-        bench.let_pass(6.0)
-    assert len(bench.sent(Cmd.PULSE)) > 50, "SYNC0 has its number"
-    assert 3 <= sum("pioneer-3dx" in text for text in bench.logs()) <= 8
 
 
 def test_of_a_subclass_with_factors_of_its_own_those_count() -> None:
@@ -362,25 +325,6 @@ def test_it_does_not_move_before_it_has_listened_for_three_cycles(bench: Bench) 
     assert bench.speeds()[-1] == 300
 
 
-def test_what_it_obeys_it_acknowledges(ready: Bench) -> None:
-    answered = ready.state().cycle
-    ready.command(0.3)
-    ready.cycles(1)
-    ack = ready.ack()
-    assert (ack.resource, ack.cycle) == ("wheels", ready.state().cycle)
-    assert (ack.largest, ack.obeyed, ack.obeyed_cycle) == (BALLOT, BALLOT, answered)
-    assert (ack.utility, ack.critical) == (BALLOT.utility, BALLOT.critical)
-
-
-def test_what_it_hears_it_refuses_by(ready: Bench) -> None:
-    larger = Ballot(6, 0.9, False, "avoid-1")
-    ready.hand(Claim("wheels", larger, ready.state().cycle, 0.9))
-    ready.command(0.3)
-    ready.cycles(1)
-    assert not any(ready.speeds())
-    assert (ready.ack().largest, ready.ack().obeyed) == (larger, None)
-
-
 REFUSED = [
     ("nan", {"v": nan}),
     ("infinite", {"v": 0.1, "w": inf}),
@@ -403,26 +347,6 @@ def test_what_is_not_sound_or_beaten_is_refused(
     ready.command(**command)  # type: ignore[arg-type]
     assert len(ready.written) == written
     assert ready.ack().obeyed == BALLOT
-
-
-@pytest.mark.parametrize("behind", [4, -4])
-def test_a_command_for_an_old_cycle_or_one_that_is_not_there_yet_is_refused(
-    ready: Bench, behind: int
-) -> None:
-    ready.cycles(6)
-    now = ready.state().cycle
-    ready.command(0.3, cycle=Cycle(now.epoch, now.number - behind))
-    assert not any(ready.speeds())
-    ready.command(0.3, cycle=Cycle(now.epoch, now.number - (3 if behind > 0 else -3)))
-    assert ready.speeds()[-1] == 300
-
-
-def test_an_older_command_of_the_same_tenure_does_not_undo_a_newer_one(ready: Bench) -> None:
-    before = ready.state().cycle
-    ready.cycles(1)
-    ready.command(0.3)
-    ready.command(0.1, cycle=before)
-    assert ready.speeds()[-1] == 300
 
 
 def test_300_ms_without_a_valid_command_and_it_orders_a_stop(ready: Bench) -> None:
@@ -468,27 +392,6 @@ def test_commands_each_cycle_keep_it_moving(ready: Bench) -> None:
     assert set(ready.speeds(began)) == {300}
 
 
-def test_refusals_are_reported_with_their_reason_and_not_too_often(ready: Bench) -> None:
-    for _ in range(100):
-        ready.cycles(1)
-        ready.command(9.0)
-    times = [at for at, m in ready.said if isinstance(m, Log) and "commands refused" in m.text]
-    assert 4 <= len(times) <= 6
-    assert all(b - a >= REPORT_S - TICK for a, b in pairwise(times))
-    assert any("is beyond" in text for text in ready.logs())
-
-
-def test_a_command_that_is_wrong_in_another_way_each_time_does_not_fill_the_log(
-    ready: Bench,
-) -> None:
-    for speed in range(10, 60):
-        ready.cycles(1)
-        ready.command(float(speed))
-    (*_, told) = (text for text in ready.logs() if "commands refused" in text)
-    assert told.count("is beyond") == 3
-    assert told.endswith(" in all")
-
-
 def test_after_a_hang_what_waited_is_not_obeyed(ready: Bench) -> None:
     ready.command(0.3)
     waited = Command("wheels", ready.state().cycle, BALLOT, (0.3, 0.0))
@@ -524,27 +427,6 @@ def test_a_stop_is_ordered_at_once_acknowledged_and_nothing_obeyed_until_it_is_r
     ready.hand(Stop(2, False, "somebody", 1))
     ready.command(0.3)
     assert ready.speeds()[-1] == 300
-
-
-@pytest.mark.parametrize(
-    ("first", "then", "stands"),
-    [
-        (Stop(3, True, "a", 1), Stop(2, False, "b", 1), Stop(3, True, "a", 1)),
-        (Stop(3, True, "a", 1), Stop(3, False, "b", 1), Stop(3, True, "a", 1)),
-        (Stop(3, False, "a", 1), Stop(3, True, "b", 2), Stop(3, True, "b", 2)),
-        (Stop(3, False, "a", 1), Stop(2, True, "b", 2), Stop(4, True, "b", 2)),
-        (Stop(3, False, "a", 1), Stop(2, True, "a", 1), Stop(3, False, "a", 1)),
-        (Stop(3, True, "a", 1), Stop(4, False, "b", 1), Stop(4, False, "b", 1)),
-    ],
-)
-def test_a_stop_always_latches_and_only_a_release_needs_a_larger_counter(
-    ready: Bench, first: Stop, then: Stop, stands: Stop
-) -> None:
-    """Of a smaller counter too, unless it is the very stop that was released."""
-    ready.hand(first)
-    ready.hand(then)
-    ready.cycles(1)
-    assert ready.state().stop == stands
 
 
 def test_a_stop_before_the_port_is_open_is_kept(bench: Bench) -> None:
@@ -647,11 +529,6 @@ def test_nor_those_that_are_off_for_a_while_after_it(ready: Bench) -> None:
     assert not ready.status(motors_enabled=False).stop.stopped
     ready.let_pass(HELD_S)
     assert ready.status(motors_enabled=False).stop.stopped
-
-
-def test_a_stop_that_somebody_else_latched_stays_theirs(ready: Bench) -> None:
-    ready.hand(Stop(1, True, "somebody", 1))
-    assert ready.status(motors_enabled=False).stop == Stop(1, True, "somebody", 1)
 
 
 def pushes(bench: Bench, v: float, w: float = 0.0, *, for_s: float = 2.0, **fields: object) -> None:
@@ -797,20 +674,6 @@ def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Be
     assert stopped[0] - began == pytest.approx(0.3, abs=2 * TICK)
 
 
-def test_all_that_came_during_a_hang_is_looked_at(ready: Bench) -> None:
-    before = sum(isinstance(m, RobotState) for _, m in ready.said)
-    ready.now = round(ready.now + 4.0, 6)
-    ready.answer(40 * encode(encode_status(AT_REST, PROFILE.p2os)))
-    assert sum(isinstance(m, RobotState) for _, m in ready.said) - before == 40
-
-
-def test_the_counts_go_on_when_the_port_is_opened_again(ready: Bench) -> None:
-    ready.answer(b"noise")
-    ready.unplug()
-    ready.connect()
-    assert ready.status().line.dropped == 5
-
-
 # The watchdog, the port ----------------------------------------------------------------------
 
 
@@ -934,13 +797,6 @@ def test_speeds_of_before_do_not_come_back_with_the_port(ready: Bench) -> None:
     assert not any(ready.speeds(began))
 
 
-def test_a_silent_controller_is_given_up_and_opened_again(ready: Bench) -> None:
-    ready.let_pass(1.1)
-    assert any("the controller is silent" in text for text in ready.logs())
-    ready.let_pass(0.3)
-    assert ready.raw.endswith(CLOSE + SYNC0)
-
-
 def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:
     ready.command(0.3)
     began = ready.now
@@ -1000,13 +856,6 @@ def test_after_a_gap_of_the_controller_a_command_of_before_is_not_obeyed(ready: 
     assert not any(ready.speeds(began))
     ready.command(0.5)
     assert ready.speeds()[-1] == 500
-
-
-def test_after_lost_packets_the_number_is_a_clock_too(ready: Bench) -> None:
-    before = ready.state().cycle
-    ready.let_pass(0.4)
-    ready.status()
-    assert ready.state().cycle.number == before.number + 4
 
 
 def test_a_command_for_another_resource_or_of_another_shape_moves_nothing(ready: Bench) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import random
 import subprocess
 import sys
-from itertools import pairwise
-from math import nan
 
 import numpy as np
 import pytest
@@ -14,17 +12,17 @@ import pytest
 from armadico.bridge.robot import Parameters, Robot
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
-from armadico.bridge.ros2.frames import Decoder, Seen, frame, said
+from armadico.bridge.ros2.frames import Decoder, frame
 from armadico.bridge.ros2.profile import Ros2Robot
-from armadico.bridge.ros2.session import RAMP_S
 from armadico.config.errors import ConfigError
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Ack, Ballot, Command, Description, Log, Message, RobotState, Stop
+from armadico.core.messages import Ballot, Command, Description, Log, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, points_of, ranges_of
-from tests.bridge.ros2.robot import CLOCK_S, JACKAL, hazards, odometry, ranged, scan
+from tests.bridge.kit import JACKAL
+from tests.bridge.ros2.robot import CLOCK_S, hazards, odometry, ranged, scan
 
 BALLOT = Ballot(5, 0.6, False, "goto-1")
 
@@ -127,13 +125,6 @@ def test_its_cycles_come_ten_times_a_second_and_say_where_it_is(ready: Bench) ->
     assert "connected to" in ready.logs()
 
 
-def test_it_says_what_robot_it_is_and_what_it_sees_by(ready: Bench) -> None:
-    (said, *_) = ready.all(Description)
-    assert (said.robot, said.sensors) == ("jackal", ("laser",))
-    assert (said.half_width, said.v_max, said.watchdog_s) == (0.215, 2.0, 0.5)
-    assert ready.all(Sonar) == []
-
-
 def test_its_scans_are_where_the_laser_was(ready: Bench) -> None:
     scan = ready.all(Scan)[-1]
     assert scan.cycle == ready.all(RobotState)[-1].cycle
@@ -152,15 +143,6 @@ def test_a_scan_is_moved_by_what_the_robot_has_driven_since(ready: Bench) -> Non
     late = ready.all(RobotState)[-1]
     assert 0.12 - 0.2 <= last.x < 0.12
     assert late.v == 1.0
-
-
-def test_commands_go_out_up_the_ramps(ready: Bench) -> None:
-    ready.go(1.0, command=(0.6, 0.0))
-    assert ready.told[-1][1:] == (0.6, 0.0)
-    climb = [v for at, v, _ in ready.told if at > 0.7]
-    assert climb == sorted(climb)
-    assert max(b - a for a, b in pairwise(climb)) <= JACKAL.limits.v_accel * RAMP_S + 1e-6
-    assert ready.all(Ack)[-1].obeyed == BALLOT
 
 
 def test_silence_of_the_holder_is_zero_after_300_ms(ready: Bench) -> None:
@@ -184,31 +166,6 @@ def test_a_stop_is_zero_and_nobody_is_obeyed_until_it_is_released(ready: Bench) 
     assert ready.told[-1][1] == 0.6
 
 
-def test_the_end_of_the_agent_is_zero_at_once(ready: Bench) -> None:
-    ready.go(1.0, command=(0.6, 0.0))
-    ready.agent.stop(ready.now)
-    ready.take()
-    assert ready.told[-1][1:] == (0.0, 0.0)
-
-
-def test_wheels_that_turn_though_nobody_drives_are_told_to_stand(ready: Bench) -> None:
-    ready.speeds = (0.3, 0.0)
-    begun = ready.now
-    ready.go(0.5)
-    told = [(v, w) for at, v, w in ready.told if at > begun]
-    assert told
-    assert told[-1] == (0.0, 0.0)
-
-
-def test_a_beaten_holders_command_is_refused(ready: Bench) -> None:
-    ready.go(0.5, command=(0.6, 0.0))
-    ready.hand(
-        Command("wheels", ready.all(RobotState)[-1].cycle, Ballot(4, 0.9, True, "x-1"), (-0.6, 0.0))
-    )
-    ready.go(0.2, command=(0.6, 0.0))
-    assert min(v for _, v, _ in ready.told) >= 0.0
-
-
 def test_a_robot_that_falls_silent_is_obeyed_by_nobody_and_found_again(ready: Bench) -> None:
     ready.go(1.5, silent=True)
     assert "no odometry for 1.0 s" in ready.logs()
@@ -227,12 +184,6 @@ def test_a_laser_that_stops_is_stale_and_said(ready: Bench) -> None:
     ready.go(1.5)
     assert len(ready.all(Scan)) - count <= 2
     assert "tells nothing, no scan on sensors/lidar2d_0/scan for 4 cycles: nobody" in ready.logs()
-
-
-def test_a_laser_of_nan_and_zero_says_nothing_valid(ready: Bench) -> None:
-    ready.ranges = [nan, 0.0] * 10
-    ready.go(0.3)
-    assert np.isnan(ranges_of(ready.all(Scan)[-1])).all()
 
 
 def test_rays_that_lie_far_apart_limit_the_speed_and_that_is_said_once() -> None:
@@ -259,30 +210,10 @@ def test_a_robot_that_is_otherwise_than_its_profile_is_doubted_and_driven() -> N
     assert bench.agent.unavailable(WHEELS) == ""
 
 
-def test_who_else_drives_is_named(ready: Bench) -> None:
-    ready.raw(said(Seen(drivers=("/teleop_twist_keyboard",))))
-    assert (
-        "others publish on cmd_vel, too, and may drive it: /teleop_twist_keyboard" in ready.logs()
-    )
-
-
-def test_without_a_robot_it_is_said_what_is_there_instead() -> None:
-    bench = Bench()
-    bench.raw(said(Seen(notes=("there are /tb3 and /tb4 in domain 0",))))
-    bench.go(1.5, silent=True)
-    assert "waiting for odometry on platform/odom/filtered" in bench.logs()
-    assert "there are /tb3 and /tb4 in domain 0" in bench.logs()
-
-
 def test_a_robot_without_a_watchdog_is_said_to_have_none() -> None:
     bench = Bench("turtlebot3-burger")
     bench.raw(frame("odom", odometry(CLOCK_S)))
     assert "has no watchdog" in bench.logs()
-
-
-def test_a_new_agent_begins_with_zero() -> None:
-    """Another one may have died in full speed, of a base without a watchdog."""
-    assert Bench().told == [(0.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize("port", ["ros2://", "ros2+zenoh://10.0.0.7"])
@@ -299,13 +230,6 @@ def test_a_robot_that_was_started_again_does_not_drive_off(ready: Bench) -> None
     ready.go(2.0, command=(0.6, 0.0))
     assert {told[1:] for told in ready.told if told[0] > begun} <= {(0.0, 0.0)}
     assert ready.all(RobotState)[-1].stop.stopped
-
-
-def test_a_robot_that_was_out_of_reach_goes_on(ready: Bench) -> None:
-    ready.go(3.0, command=(0.6, 0.0))
-    ready.go(2.0, silent=True)
-    ready.go(2.0, command=(0.6, 0.0))
-    assert ready.told[-1][1] == 0.6
 
 
 # --- more than a laser

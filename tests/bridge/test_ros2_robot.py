@@ -18,27 +18,15 @@ from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.ros2_line import published
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
-from armadico.config.loading import find, load_entry
-from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.profile import SensorProfile
+from tests.bridge.kit import BURGER, CREATE3, IDEAL, JACKAL, REAL, SONARS
 
-IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
-REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
 HALL = [
     (-3.0, -3.0, 3.0, -3.0),
     (3.0, -3.0, 3.0, 3.0),
     (3.0, 3.0, -3.0, 3.0),
     (-3.0, 3.0, -3.0, -3.0),
 ]
-
-
-def profile_of(name: str) -> Ros2Robot:
-    profile = load_profile(name)
-    assert isinstance(profile, Ros2Robot)
-    return profile
-
-
-JACKAL, BURGER = profile_of("jackal"), profile_of("turtlebot3-burger")
-SONARS, CREATE3 = profile_of("jackal-sonars"), profile_of("create3")
 
 
 class Bench:
@@ -222,7 +210,7 @@ def test_its_bumper_is_in_front() -> None:
     bench.drive(-0.3, 0.0, 1.0)
     bench.heard.clear()
     bench.drive(-0.3, 0.0, 22.0)
-    assert bench.robot.plant.collisions == 2
+    assert bench.robot.plant.touches.collisions == 2
     assert felt(bench) == []
 
 
@@ -301,7 +289,7 @@ def test_a_wall_stops_it_and_is_counted() -> None:
     bench = Bench().want()
     bench.drive(0.5, 0.0, 8.0)
     plant = bench.robot.plant
-    assert plant.collisions == 1
+    assert plant.touches.collisions == 1
     assert plant.pose[0] == pytest.approx(3.0 - JACKAL.body.front_m, abs=0.02)
     assert abs(plant.speeds[0]) < 0.05
     bench.drive(-0.5, 0.0, 2.0)

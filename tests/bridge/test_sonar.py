@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
-from importlib.resources import files
 from math import cos, hypot, inf, pi, radians, sin, tan
 from random import Random
 from statistics import fmean, stdev
@@ -13,21 +11,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.sonar import Sonars, Surfaces, echo, fan, in_cone
 from armadico.bridge.simulator.walls import DEAD, Box, Surface, Wall, Walls
 from armadico.config.profile import SensorProfile
+from tests.bridge.kit import EXACT, HOME, IDEAL, PROFILE, REAL
 
-
-def config(name: str) -> dict[str, object]:
-    return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
-
-
-RING = msgspec.convert(config("pioneer-2dx"), P2osRobot).sonar
-IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
-REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
-EXACT = msgspec.structs.replace(IDEAL, sonar_noise_m=0.0, dropout=0.0)
+RING = PROFILE.sonar
 MIRRORS = msgspec.structs.replace(
     msgspec.structs.replace(REAL, sonar_noise_m=0.0, sonar_noise=0.0, dropout=0.0),
     edge_m=0.0,
@@ -36,7 +26,6 @@ MIRRORS = msgspec.structs.replace(
 )
 ROUGH = Surface(cos(radians(IDEAL.glancing_deg)), 0.0)
 SMOOTH = Surface(DEAD.scatters, radians(40.0))
-HOME = (0.0, 0.0, 0.0)
 AHEAD = 3  # bearing 10 degrees: with a cone of 30 it looks from -5 to 25 degrees
 LEFT = 0
 
@@ -322,18 +311,6 @@ def test_surfaces_are_drawn_from_the_seed() -> None:
     assert len(gone) == pytest.approx(400 * 0.95 * (1.0 - REAL.rough_walls), abs=40)
     assert min(gone) == pytest.approx(25.0, abs=1.0)
     assert max(gone) == pytest.approx(42.0, abs=1.0)
-
-
-def test_a_ping_draws_as_often_whatever_it_meets() -> None:
-    """Whether it is heard, is lost, comes over a mirror or from the ping before."""
-    near, far = (-3.0, 1.0, 3.0, 1.0), tilted(60)
-    alone, both = ring([near], REAL, surfaces=SMOOTH), ring([near, far], REAL, surfaces=SMOOTH)
-    for _ in range(100):
-        both.ping(7, HOME)
-        both.ping(1, HOME)
-        alone.ping(7, HOME)
-        alone.ping(1, HOME)
-    assert alone._rng.random() == both._rng.random()
 
 
 BOX = Box(-0.01, 0.22, 0.165)

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
-from importlib.resources import files
 from typing import Literal
 
-import msgspec
 import pytest
 
-from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.speed_loops import SpeedLoops
+from tests.bridge.kit import PROFILE
 
-PROFILE = msgspec.convert(
-    tomllib.loads(files("armadico.configs").joinpath("robots/pioneer-2dx.toml").read_text()),
-    P2osRobot,
-)
 SUPPLY_V = PROFILE.motor.supply_v
 STEP_S = 0.005
 FORWARD = [(v, 0.0) for v in (0.1, 0.3, 0.6, 1.0, 1.4, -0.5)]

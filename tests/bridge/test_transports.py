@@ -15,7 +15,6 @@ from armadico.bridge.transports import (
     TcpTransport,
     Transport,
     TransportError,
-    memory_pair,
 )
 from armadico.runtime.port_reader import open_port
 
@@ -209,7 +208,7 @@ def test_an_address_that_is_none_is_explained(url: str, says: str) -> None:
 
 @pytest.mark.parametrize(
     "transport",
-    [SerialTransport("/dev/ttyUSB0"), TcpTransport("localhost"), PtyTransport(), memory_pair()[0]],
+    [SerialTransport("/dev/ttyUSB0"), TcpTransport("localhost"), PtyTransport()],
 )
 def test_a_transport_that_is_not_open_fails_as_a_broken_one(transport: Transport) -> None:
     with pytest.raises(TransportError, match="not open"):
@@ -217,30 +216,6 @@ def test_a_transport_that_is_not_open_fails_as_a_broken_one(transport: Transport
     with pytest.raises(TransportError, match="not open"):
         transport.write(b"\x00")
     transport.close()
-
-
-def test_memory_carries_bytes_both_ways_without_waiting() -> None:
-    client, robot = memory_pair()
-    client.open()
-    robot.open()
-    client.write(b"\x01")
-    client.write(b"\x02")
-    assert robot.read(0) == b"\x01\x02"
-    assert robot.read(0) == b""
-    robot.write(ALL_BYTES)
-    assert client.read(0) == ALL_BYTES
-
-
-def test_memory_loses_what_is_sent_to_a_closed_end() -> None:
-    client, robot = memory_pair()
-    client.open()
-    client.write(b"\x01")
-    robot.open()
-    assert robot.read(0) == b""
-    robot.close()
-    client.write(b"\x02")
-    robot.open()
-    assert robot.read(0) == b""
 
 
 def test_one_thread_may_wait_while_another_writes(server: Server) -> None:

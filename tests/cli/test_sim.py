@@ -32,7 +32,7 @@ from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.scenarios import load_scenario
 from armadico.mesh.topology import NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from tests.bridge.ros2.robot import JACKAL
+from tests.bridge.kit import JACKAL
 from tests.programs import call, starter
 
 SOON = 10.0

@@ -100,6 +100,13 @@ def test_a_robot_of_two_kinds_is_refused(tmp_path: Path) -> None:
         load_profile(written(tmp_path, text))
 
 
+def test_an_array_of_tables_where_a_table_belongs_is_refused_with_its_line(tmp_path: Path) -> None:
+    text = find("robots", "pioneer-2dx").read_text().replace("[p2os]", "[[p2os]]")
+    line = text.splitlines().index("[[p2os]]") + 1
+    with pytest.raises(ConfigError, match=rf":{line}: \[\[p2os\]\] is an array of tables"):
+        load_profile(written(tmp_path, text))
+
+
 def test_a_kind_that_is_not_installed_is_named_with_those_that_are(tmp_path: Path) -> None:
     text = find("robots", "jackal").read_text().replace("[ros2", "[ros")
     line = next(n for n, row in enumerate(text.splitlines(), 1) if row.startswith("[ros]"))
@@ -187,6 +194,9 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, old: str, new: str, mess
         ('"sonar_5"', '"sonar_4"', "each sonar needs a frame of its own"),
         ("[[ros2.sonar]]", '[[ros2.sonar]]\nname = "a"\n[[ros2.sonar]]', "8 sonars and 2 tables"),
         ('[[ros2.sonar]]\nname = "sonar"', '[ros2.camera]\nname = "sonar"', "camera"),
+        ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7, 8]", "firing_order has sonar 8"),
+        ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7]", "does not have sonar 5"),
+        ("max_m = 5.0", "max_m = 0.05", "min_m = 0.1 is not less than max_m = 0.05"),
     ],
 )
 def test_sonars_that_cannot_be_told_apart_or_heard_are_refused(

@@ -86,7 +86,7 @@ def orders_no_stop(patch: pytest.MonkeyPatch) -> None:
 
 def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
     def rest(self: robot.Robot, resource: Resource) -> None:
-        self._moving = False  # and so it insists
+        self._orders.moving = False  # and so it insists
         if self._session is not None:
             self._session.drive(0.2, 0.0)
             self._send()

@@ -466,7 +466,9 @@ def test_anybody_may_ask_the_wakeup_agent_of_a_host() -> None:
     request = WakeupRequest(WakeupOrder.END, "relocate", why="a test")
     key = service_of(WakeupRequest).key_for(instance=host.instance)
     replies: list[Message] = []
-    society.mesh.put(None, key, request, 2.0, lambda _, m: bool(replies.append(m)), lambda: None)
+    society.mesh.queries.put(
+        None, key, request, 2.0, lambda _, m: bool(replies.append(m)), lambda: None
+    )
     society.let_pass(2.0)
     assert replies == [WakeupReply()]
     (kept,) = (k for k in shares[-1].kept if "relocate" in k.agents)

@@ -8,7 +8,7 @@ import pytest
 
 from armadico.bridge.p2os.commands import Cmd, Command
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.motion import Plant
+from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.profile import NEVER_S, load_profile
 from armadico.config.scenarios import load_scenario, sensing

@@ -120,7 +120,7 @@ def test_a_contact_ends_the_run_and_counts_as_nothing(tmp_path: Path) -> None:
     plant.add_columns([(-2.25, 3.55, 0.3)])
     run.rehearsal.begin()
     plant.set_pose(-2.25, 3.2, 1.5708)
-    plant.collisions = 1
+    plant.touches.collisions = 1
     run.rehearsal.mesh.run(run.rehearsal.mesh.now + 1.0)
     sample = run.sample()
     assert run.touched

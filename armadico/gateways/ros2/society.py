@@ -27,7 +27,7 @@ from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.gateways.ros2.goals import CDR, read_goal
 from armadico.gateways.ros2.grids import drawn, occupancy
-from armadico.mobile.behaviour import LOST_M
+from armadico.gateways.ros2.health import MOST, Health
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import (
     COVARIANCE,
@@ -45,7 +45,7 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import ranges_of
 from armadico.observe.translators import Channel, Sample
-from armadico.observe.view import FRESH_CYCLES, agent_of, driver
+from armadico.observe.view import FRESH_CYCLES
 
 MAP: Final = "map"
 """The frame that all robots of a mesh share."""
@@ -55,12 +55,6 @@ ODOM, BASE, SCAN = "odom", "base_link", "base_scan"
 STATES: Final = 32
 """Cycles whose stamp and odometry are known still."""
 
-MOST: Final = 64
-"""Sonars and resources that are told apart: whoever makes up more is not heard."""
-
-EACH_S: Final = 1.0
-"""How often the battery and the diagnostics are said; who drives, at once when it changes."""
-
 LOCAL_M: Final = 0.1
 """A cell of the local map,"""
 
@@ -69,9 +63,6 @@ LOCAL_CELLS: Final = 256
 
 OLD_S: Final = 10.0
 """A goal whose stamp is older is not driven to: it was held up on its way, or is played back."""
-
-OK, WARN, ERROR = 0, 1, 2
-"""diagnostic_msgs/DiagnosticStatus's levels."""
 
 ULTRASOUND: Final = 0
 
@@ -110,13 +101,6 @@ _SAID: Final = (
 )
 """All that samples are given on."""
 
-_KEPT: Final[dict[type[m.Message], str]] = {
-    m.Description: "_description",
-    BatteryLevel: "_level",
-    MissionStatus: "_mission",
-}
-"""What is known just as it was last said."""
-
 _Said = tuple[_Topic, IdlStruct]
 """A topic and a sample."""
 
@@ -137,6 +121,10 @@ def ros_namespace(namespace: str) -> str:
 class Society:
     """One robot's society, as topics; see `armadico.observe.translators`."""
 
+    profile = "ros2"
+    # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
+    about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
+
     def __init__(self, namespace: str = "", world: World | None = None) -> None:
         """See `Makes`. A namespace begins topics (`/robot1/odom`) and frames (`robot1/odom`)."""
         self.namespace = ros_namespace(namespace)
@@ -145,9 +133,6 @@ class Society:
         self._channels = {topic: self._channel(topic) for topic in _SAID}
         self.channels: Sequence[Channel] = tuple(self._channels.values())
         self.goals = self._channel(_GOAL)
-        self.profile = "ros2"
-        # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
-        self.about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
         self._states: deque[_State] = deque(maxlen=STATES)
         self._base: Pose2 | None = None  # of the robot in the map, as it was last said
         self._odom: Pose2 | None = None  # where the odometry's origin lies in it
@@ -157,28 +142,22 @@ class Society:
         self._local: dict[str, LocalMap] = {}
         self._grid: OccupancyGrid | None = None
         self._path: tuple[object, ...] | None = None
-        self._level: BatteryLevel | None = None
-        self._state: m.RobotState | None = None
-        self._pose: Pose | None = None
-        self._mission: MissionStatus | None = None
-        self._description: m.Description | None = None
-        self._acks: dict[str, m.Ack] = {}
-        self._battery_at = self._told_at = 0  # ns: not before then
-        self._takers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Said]]] = {
-            m.RobotState: self._take_state,
-            Pose: self._take_pose,
-            Sonar: self._take_sonar,
-            Scan: self._take_scan,
-            Obstacles: self._take_obstacles,
-            LocalMap: self._take_local_map,
-            OccupancyGrid: self._take_grid,
-            Trajectory: self._take_trajectory,
-            m.Ack: self._take_ack,
+        self._health = Health(self._prefix)
+        self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Said]]] = {
+            m.RobotState: self._on_state,
+            Pose: self._on_pose,
+            Sonar: self._on_sonar,
+            Scan: self._on_scan,
+            Obstacles: self._on_obstacles,
+            LocalMap: self._on_local_map,
+            OccupancyGrid: self._on_grid,
+            Trajectory: self._on_trajectory,
+            m.Ack: self._on_ack,
             m.Description: self._keep,
             BatteryLevel: self._keep,
             MissionStatus: self._keep,
         }
-        self.kinds: Sequence[type[m.Message]] = tuple(self._takers)
+        self.kinds: Sequence[type[m.Message]] = tuple(self._receivers)
 
     # Messages in, samples out ---------------------------------------------------------------------
 
@@ -190,16 +169,16 @@ class Society:
         if self._world is not None:
             yield _MAP, occupancy(drawn(self._world), self._on_map(at))
             self._world = None
-        taker = self._takers.get(type(message))
-        if taker is not None:
-            yield from taker(key, message, at)
-        if at >= self._told_at and (self._state is not None or self._acks):
-            yield _DIAGNOSTICS, self._diagnostics(at)
+        receiver = self._receivers.get(type(message))
+        if receiver is not None:
+            yield from receiver(key, message, at)
+        if (diagnostics := self._health.diagnostics(at)) is not None:
+            yield _DIAGNOSTICS, diagnostics
 
-    def _take_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Said]:
+    def _on_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Said]:
         here = (state.x, state.y, state.theta)
         self._states.append(_State(state.cycle, at, here))
-        self._state = state
+        self._health.newest[m.RobotState] = state
         yield _OWN_TF, types.TFMessage([self._transform(at, self._prefix + ODOM, BASE, here)])
         speeds = types.Twist(types.Vector3(state.v), types.Vector3(z=state.w))
         yield (
@@ -211,14 +190,15 @@ class Society:
                 types.TwistWithCovariance(speeds),
             ),
         )
-        if self._pose is not None and self._pose.cycle == state.cycle:
-            yield self._corrected(self._pose, self._states[-1])  # it has overtaken the state
-        if at >= self._battery_at:
-            self._battery_at = at + int(EACH_S * 1e9)
-            yield _BATTERY, self._battery(state, at)
+        pose = self._health.known(Pose)
+        if pose is not None and pose.cycle == state.cycle:
+            yield self._corrected(pose, self._states[-1])  # it has overtaken the state
+        if (battery := self._health.battery(state, self._header(at, BASE), at)) is not None:
+            yield _BATTERY, battery
 
-    def _take_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Said]:
-        self._pose, self._base = pose, (pose.x, pose.y, pose.theta)
+    def _on_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Said]:
+        self._health.newest[Pose] = pose
+        self._base = (pose.x, pose.y, pose.theta)
         state = self._at(pose.cycle)
         stamp = at if state is None else state.at
         if state is not None:
@@ -233,7 +213,7 @@ class Society:
         self._odom = compose((pose.x, pose.y, pose.theta), origin)
         return _TF, types.TFMessage([self._transform(state.at, MAP, ODOM, self._odom)])
 
-    def _take_sonar(self, _: str, sonar: Sonar, at: int) -> Iterator[_Said]:
+    def _on_sonar(self, _: str, sonar: Sonar, at: int) -> Iterator[_Said]:
         mounted = {(echo.x, echo.y, echo.bearing) for echo in sonar.echoes}
         new = sorted(mounted - self._sonars.keys())
         if new and len(self._sonars) < MOST:
@@ -249,7 +229,7 @@ class Society:
                 ),
             )
         stamp = self._stamp(sonar.cycle, at)
-        said = self._description
+        said = self._health.known(m.Description)
         limits = (0.0, 0.0) if said is None else (said.cone, said.nearest)
         for echo in sonar.echoes:
             frame = self._sonars.get((echo.x, echo.y, echo.bearing))
@@ -261,7 +241,7 @@ class Society:
                 types.Range(self._header(stamp, frame), ULTRASOUND, *limits, sonar.reach, heard),
             )
 
-    def _take_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Said]:
+    def _on_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Said]:
         if grid == self._grid:
             return  # it is said each second
         self._grid = grid
@@ -272,7 +252,7 @@ class Society:
         if cells.states.size:
             yield _MAP, occupancy(cells, self._on_map(at))
 
-    def _take_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Said]:
+    def _on_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Said]:
         said = (trajectory.mission, trajectory.start, trajectory.waypoints)
         if said == self._path:
             return  # it is said each second
@@ -284,20 +264,15 @@ class Society:
             places = [(x, y, math.atan2(places[0][1] - y, places[0][0] - x)), *places]
         yield _PATH, types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
 
-    def _take_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
-        before = self._acks.get(ack.resource)
-        if before is None and len(self._acks) >= MOST:
-            return
-        self._acks[ack.resource] = ack
-        if before is None or driver(before) != driver(ack):
-            self._told_at = 0
+    def _on_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
+        self._health.on_ack(ack)
         yield from ()
 
     def _keep(self, _: str, message: m.Message, _at: int) -> Iterator[_Said]:
-        setattr(self, _KEPT[type(message)], message)
+        self._health.newest[type(message)] = message
         yield from ()
 
-    def _take_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Said]:
+    def _on_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Said]:
         """Once each, in a frame that lies where the laser was, so that nothing is turned."""
         which = (scan.cycle.epoch, scan.number)
         if which == self._scan:
@@ -322,7 +297,7 @@ class Society:
             ),
         )
 
-    def _take_obstacles(self, key: str, obstacles: Obstacles, at: int) -> Iterator[_Said]:
+    def _on_obstacles(self, key: str, obstacles: Obstacles, at: int) -> Iterator[_Said]:
         """The points of all sensors that have spoken within the freshest cycles."""
         self._near[key] = obstacles
         found = [p for each in _fresh(self._near, obstacles.cycle) for p in each.points]
@@ -333,7 +308,7 @@ class Society:
         size = (1, len(found), fields, False, 12, 12 * len(found))
         yield _OBSTACLES, types.PointCloud2(header, *size, points.tobytes(), is_dense=True)
 
-    def _take_local_map(self, key: str, local: LocalMap, at: int) -> Iterator[_Said]:
+    def _on_local_map(self, key: str, local: LocalMap, at: int) -> Iterator[_Said]:
         """A square around the robot; what has no cell in the local map is unknown."""
         self._local[key] = local
         maps = _fresh(self._local, local.cycle)
@@ -353,70 +328,6 @@ class Society:
         )
         known: list[int] = cells.ravel().tolist()
         yield _LOCAL_MAP, types.OccupancyGrid(self._header(stamp, BASE), size, known)
-
-    # Samples --------------------------------------------------------------------------------------
-
-    def _battery(self, state: m.RobotState, at: int) -> types.BatteryState:
-        share = math.nan if self._level is None else self._level.share
-        return types.BatteryState(
-            self._header(at, BASE),
-            voltage=state.battery_v,
-            temperature=math.nan,
-            current=math.nan,
-            charge=math.nan,
-            capacity=math.nan,
-            design_capacity=math.nan,
-            percentage=share,
-            power_supply_status=types.CHARGING if state.charging else types.DISCHARGING,
-            present=True,
-        )
-
-    def _diagnostics(self, at: int) -> types.DiagnosticArray:
-        """Who drives, and how the robot is."""
-        self._told_at = at + int(EACH_S * 1e9)
-        known = [self._holder(ack) for _, ack in sorted(self._acks.items())]
-        if self._state is not None:
-            known.append(self._health(self._state))
-        return types.DiagnosticArray(types.Header(stamp_of(at)), known)
-
-    def _holder(self, ack: m.Ack) -> types.DiagnosticStatus:
-        holder = driver(ack)
-        ballot = ack.obeyed if holder is not None else None
-        values = {
-            "holder": holder or "",
-            "utility": f"{ack.utility:.3f}" if holder else "",
-            "critical": str(ack.critical).lower(),
-            "term": "" if ballot is None else str(ballot.term),
-            "cycle": str(ack.cycle.number),
-        }
-        who = "nobody" if holder is None else agent_of(holder)
-        return self._status(OK, f"{ack.resource} holder", who, values)
-
-    def _health(self, state: m.RobotState) -> types.DiagnosticStatus:
-        values = {
-            "v": f"{state.v:.3f}",
-            "w": f"{state.w:.3f}",
-            "motors": str(state.motors).lower(),
-            "battery": f"{state.battery_v:.1f}",
-        }
-        if self._mission is not None:
-            values["mission"] = self._mission.state.value
-            values["mission note"] = self._mission.note
-        level, said = OK, "well"
-        if state.stalled:
-            level, said = WARN, "stalled"
-        if state.stop.stopped:
-            level, said = WARN, f"stopped by {state.stop.who}"
-        if self._pose is not None and self._pose.deviation > LOST_M:
-            level, said = ERROR, f"lost: the pose is {self._pose.deviation:.1f} m off"
-        return self._status(level, "robot", said, values)
-
-    def _status(
-        self, level: int, what: str, said: str, values: dict[str, str]
-    ) -> types.DiagnosticStatus:
-        pairs = [types.KeyValue(name, value) for name, value in values.items()]
-        robot = "" if self._description is None else self._description.robot
-        return types.DiagnosticStatus(level, self._prefix + what, said, robot, pairs)
 
     # Goals ----------------------------------------------------------------------------------------
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from math import cos, isfinite, sin, sqrt
+from math import cos, sin, sqrt
 
-from armadico.bridge.counting import Counting
+from armadico.bridge.counting import Counts
 from armadico.bridge.framing import Framing
 from armadico.bridge.odometry import Continuous
-from armadico.bridge.ramps import Ramps
+from armadico.bridge.ramps import REST, Ramps, finite
 from armadico.bridge.session import (
     Connected,
     Event,
@@ -24,6 +24,7 @@ from armadico.bridge.session import (
     Reported,
     Unanswered,
 )
+from armadico.core.messages import Line
 from armadico_create2.kind import Create2
 
 START, SAFE, DRIVE_DIRECT, STREAM, PAUSE, STOP = 128, 131, 145, 148, 150, 173
@@ -61,9 +62,6 @@ ANSWER_S = 1.0
 
 ASK_S = 0.5
 """Safe mode is asked for again this often."""
-
-RAMP_S = 0.04
-"""From one step of a ramp to the next."""
 
 UNWATCHED = "a Create 2 has no watchdog: if this process is killed, it drives on"
 
@@ -132,17 +130,14 @@ class Odometry(Continuous):
         return (way / elapsed, turn / elapsed) if self.resets == resets else (0.0, 0.0)
 
 
-class Driver(Counting):
+class Driver:
     """A session with one Create 2; see `armadico.bridge.session.Session`."""
-
-    decoder: Decoder
-    odometry: Odometry
 
     def __init__(self, profile: Create2, now: float) -> None:
         """Begin at time `now` (s, any clock)."""
         self.held = self.is_open = False
         self.motors_due = False  # it has no switch for them: see `_left_safe_mode`
-        self.decoder, self.odometry = Decoder(), Odometry(profile)
+        self.decoder, self.odometry, self.counts = Decoder(), Odometry(profile), Counts()
         self._profile = profile
         self._frames = max(1, round(profile.cycle_s / FRAME_S))  # in a cycle
         self._ramps = Ramps(profile.limits)
@@ -151,15 +146,17 @@ class Driver(Counting):
         self._attempts = 0
         self._felt = self._count = self._lost = 0
         self._was_safe = False
-        self._asked = self._said = (0.0, 0.0)
-        self._said_at = self._ask_at = now
-        self._due: float | None = None  # of a ramp's next step
+        self._ask_at = now
         self._deadline: float | None = None
         self._begin()
 
     @property
     def next_wakeup(self) -> float | None:
-        return min((at for at in (self._deadline, self._due) if at is not None), default=None)
+        return min((at for at in (self._deadline, self._ramps.due) if at is not None), default=None)
+
+    @property
+    def line(self) -> Line:
+        return self.counts.line(self.decoder, self.odometry)
 
     def receive(self, data: bytes, now: float) -> Sequence[Event]:
         self._now = now
@@ -173,7 +170,7 @@ class Driver(Counting):
             if self._count + self.decoder.mangled - self._lost >= self._frames:
                 events.append(self._report(values))
         # After a hang only the newest cycle counts: what each costs would put a stop off.
-        self.surplus += max(len(events) - 1, 0)
+        self.counts.surplus += max(len(events) - 1, 0)
         if events and not self.is_open:
             self.is_open, self._attempts = True, 0
             return [Connected("Create 2", "", ""), Noted(UNWATCHED), events[-1]]
@@ -198,30 +195,23 @@ class Driver(Counting):
         return [LinkLost("the port was opened again")] if lost else []
 
     def outgoing(self) -> bytes:
-        if self.is_open and self._due is not None and self._now >= self._due:
-            passed = min(self._now - self._said_at, RAMP_S)
-            self._said = self._ramps.step(self._said, self._asked, passed)
-            self._said_at = self._now
-            self._due = None if self._said == self._asked else self._now + RAMP_S
-            self._out += drive_direct(*self._said, self._profile.body.half_track_m)
+        if self.is_open and (speeds := self._ramps.step(self._now)) is not None:
+            self._out += drive_direct(*speeds, self._profile.body.half_track_m)
         data = bytes(self._out)
         self._out.clear()
         return data
 
     def drive(self, v: float, w: float) -> None:
-        if not (isfinite(v) and isfinite(w)):
-            raise ValueError(f"{v} m/s, {w} rad/s: not speeds")
+        asked = finite(v, w)
         if self.is_open:
-            self._asked = (v, w)
-            self._due = self._now if self._due is None else self._due
+            self._ramps.ask(asked, self._now)
 
     def stop(self) -> None:
-        self.drive(0.0, 0.0)
+        self.drive(*REST)
 
     def emergency_stop(self) -> None:
-        self._asked = self._said = (0.0, 0.0)
-        self._due = None
-        self._out += drive_direct(0.0, 0.0, self._profile.body.half_track_m)
+        self._ramps.begin()
+        self._out += drive_direct(*REST, self._profile.body.half_track_m)
 
     def pulse(self) -> None:
         """There is no watchdog to feed."""

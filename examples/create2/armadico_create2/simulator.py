@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import struct
-from math import inf
 
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.robots import Stage
-from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico.bridge.simulator.simulated import Controller, SimulatedRobot
 from armadico_create2.driver import (
     DRIVE_DIRECT,
     FRAME_S,
@@ -37,17 +36,18 @@ def simulated(profile: Create2, stage: Stage) -> SimulatedRobot:
     """A Create 2 on a stage, as its serial line shows it."""
     plant = Plant(profile, stage.sensors, stage.site, stage.streams)
     name = stage.name or profile.name
-    return SimulatedRobot(plant, Controller(profile, plant), name, profile.cycle_s)
+    return SimulatedRobot(plant, Firmware(profile, plant), name, profile.cycle_s)
 
 
-class Controller:
+class Firmware(Controller):
     """What answers on the serial line; see `armadico.bridge.simulator.simulated.Controller`."""
 
     def __init__(self, profile: Create2, plant: Plant) -> None:
-        self._profile, self._plant = profile, plant
-        self._in, self._out = bytearray(), bytearray()
+        super().__init__(plant)
+        self._profile = profile
+        self._in = bytearray()
         self._frame = round(FRAME_S / plant.step_s)  # these in steps of the plant
-        self._now = self._next = 0
+        self._next = 0
         self._mode = 0
         self._streams = False
         self._speeds = (0.0, 0.0)
@@ -58,18 +58,6 @@ class Controller:
     def is_open(self) -> bool:
         return self._streams
 
-    @property
-    def hangs_up(self) -> bool:
-        return False  # a serial line cannot
-
-    @property
-    def time_s(self) -> float:
-        return self._now * self._plant.step_s
-
-    @property
-    def next_status_s(self) -> float:
-        return self._next * self._plant.step_s if self._streams else inf
-
     def receive(self, data: bytes) -> None:
         self._in += data
         while self._in and (length := self._length()) <= len(self._in):
@@ -77,22 +65,20 @@ class Controller:
             del self._in[:length]
             self._obey(command)
 
-    def advance(self, now_s: float) -> bytes:
-        until = int(now_s / self._plant.step_s + 1e-6)
-        while self._now < until:
-            stop = min(until, self._next) if self._streams else until
-            self._plant.run(stop - self._now, lambda _v, _w: self._speeds)
-            self._now = stop
-            if self._streams and stop >= self._next:
-                self._next += self._frame
-                self._send()
-        data = bytes(self._out)
-        self._out.clear()
-        return data
-
     def disconnect(self) -> None:
         """It does not notice: the robot drives on."""
         self._in.clear()
+
+    def _next_report(self) -> int:
+        return self._next
+
+    def _move(self, steps: int) -> None:
+        self._plant.run(steps, lambda _v, _w: self._speeds)
+
+    def _report(self) -> None:
+        if self._streams and self._now >= self._next:
+            self._next += self._frame
+            self._send()
 
     def _length(self) -> int:
         """Of the command that has begun; more than there is if that is not known yet."""
@@ -123,7 +109,7 @@ class Controller:
     def _send(self) -> None:
         """One frame of the stream; the light bumpers flash in turn."""
         plant, interface = self._plant, self._profile.create2
-        if plant.charging and self._mode == SAFE_MODE:
+        if plant.battery.charging and self._mode == SAFE_MODE:
             self._mode, self._speeds = PASSIVE_MODE, (0.0, 0.0)
         turn = self._frames % len(LIGHTS)
         self._frames += 1
@@ -134,9 +120,9 @@ class Controller:
             round(ticks / TICKS_PER_M * interface.counts_per_m) for ticks in plant.encoder_counts
         )
         values = dict.fromkeys(PACKETS, 0) | {
-            7: 0b11 if self.time_s - plant.pressed_s <= FELT_S else 0,
-            22: round(1e3 * plant.battery_v),
-            34: 2 if plant.charging else 0,
+            7: 0b11 if self.time_s - plant.touches.pressed_s <= FELT_S else 0,
+            22: round(1e3 * plant.battery.volts),
+            34: 2 if plant.battery.charging else 0,
             35: self._mode,
             43: (left + 0x8000) % 0x10000 - 0x8000,
             44: (right + 0x8000) % 0x10000 - 0x8000,

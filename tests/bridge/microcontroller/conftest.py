@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from importlib.resources import files
 
-import msgspec
 import pytest
 
 from armadico.bridge.p2os.commands import (
@@ -20,70 +17,8 @@ from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.traps import KIND, Trap
-
-
-class Lagging:
-    """Wheels that follow the speeds set with a first-order lag of 0.2 s."""
-
-    step_s = 0.005
-    lag_s = 0.2
-
-    def __init__(self) -> None:
-        self.v = self.w = 0.0
-        self.odometry = (0.0, 0.0, 0.0)
-        self.encoder_counts = (12, -34)
-        self.battery_v = 12.7
-        self.charging = False
-        self.blocked = False
-        self.pings: list[int] = []
-        self.echo: float | None = 1.5
-        self.true_pose = (0.0, 0.0, 0.0)
-        self.resets = 0
-
-    @property
-    def left_m_s(self) -> float:
-        return self.v - self.w * 0.1689
-
-    @property
-    def right_m_s(self) -> float:
-        return self.v + self.w * 0.1689
-
-    def run(self, steps: int, driver: Driver) -> None:
-        for _ in range(steps):
-            self.step(*driver(self.v, self.w))
-
-    def step(self, v: float, w: float) -> None:
-        share = self.step_s / self.lag_s
-        self.v += (v - self.v) * share
-        self.w += (w - self.w) * share
-        if abs(self.v) < 1e-4:
-            self.v = 0.0
-        if abs(self.w) < 1e-4:
-            self.w = 0.0
-        x, y, theta = self.odometry
-        theta += self.w * self.step_s
-        way = self.v * self.step_s
-        self.odometry = (x + way * math.cos(theta), y + way * math.sin(theta), theta)
-
-    def reset(self) -> None:
-        self.resets += 1
-
-    def voltages(
-        self, v_set: float, w_set: float, v: float, w: float, dt: float
-    ) -> tuple[float, float]:
-        return v_set, w_set
-
-    def reset_odometry(self) -> None:
-        self.odometry = (0.0, 0.0, 0.0)
-
-    def set_pose(self, x: float, y: float, theta: float) -> None:
-        self.true_pose = (x, y, theta)
-
-    def ping(self, index: int) -> float | None:
-        self.pings.append(index)
-        return self.echo
+from tests.bridge.kit import PROFILE, Wheels
 
 
 class Bench:
@@ -91,7 +26,7 @@ class Bench:
 
     def __init__(self, profile: P2osRobot, traps: frozenset[Trap] = KIND) -> None:
         self.profile = profile
-        self.plant = Lagging()
+        self.plant = Wheels()
         self.controller = Microcontroller(profile, self.plant, self.plant, traps)
         self.decoder = Decoder()
         self.now = 0.0
@@ -121,8 +56,7 @@ class Bench:
 
 @pytest.fixture
 def profile() -> P2osRobot:
-    text = (files("armadico.configs") / "robots" / "pioneer-2dx.toml").read_bytes()
-    return msgspec.toml.decode(text, type=P2osRobot)
+    return PROFILE
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from conftest import Bench
 
-    from armadico.bridge.simulator.motion import Driver
+    from armadico.bridge.simulator.plant import Driver
 
 WALL_X = 1.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,8 +14,6 @@ from armadico.bridge.p2os.commands import (
 )
 from armadico.bridge.p2os.configuration import (
     ENCODER,
-    Encoders,
-    decode_encoders,
 )
 from armadico.bridge.p2os.packets import encode
 
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 def test_after_connecting_sonar_are_on_and_motors_off(bench: Bench) -> None:
     bench.connect(motors=False)
     status = bench.watched(0.1)[0]
-    assert status.sonar_on
+    assert status.sonar_arrays
     assert not status.motors_enabled
     assert status.flags == 0x1E
 
@@ -60,7 +59,7 @@ def test_polling_sets_the_order_and_an_empty_one_is_off(robot: Bench) -> None:
     assert robot.plant.pings[:4] == [7, 0, 7, 0]
     robot.send(Cmd.POLLING, b"")
     robot.plant.pings.clear()
-    assert not robot.watched(0.3)[-1].sonar_on
+    assert not robot.watched(0.3)[-1].sonar_arrays
     assert robot.plant.pings == []
 
 
@@ -81,7 +80,7 @@ def test_encoder_packets_come_once_or_before_each_status(robot: Bench) -> None:
     robot.send(Cmd.ENCODER, 2)
     payloads = robot.run(0.2)
     assert [payload[0] for payload in payloads] == [ENCODER, 0x32] * 2
-    assert decode_encoders(payloads[0]) == Encoders(12, -34)
+    assert struct.unpack("<ii", payloads[0][1:9]) == (12, -34)
     robot.send(Cmd.ENCODER, 0)
     assert [payload[0] for payload in robot.run(0.1)] == [0x32]
 

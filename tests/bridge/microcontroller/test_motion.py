@@ -14,7 +14,6 @@ import pytest
 
 from armadico.bridge.p2os.commands import (
     Cmd,
-    wheel_bits,
 )
 from armadico.bridge.p2os.configuration import (
     decode_configuration,
@@ -66,7 +65,7 @@ def test_rotate_is_rvel(robot: Bench) -> None:
 
 @pytest.mark.parametrize(("left", "right"), [(10, 10), (-10, 10), (5, 15), (-10, -10)])
 def test_vel2_sets_each_wheel_in_steps_of_20_mm_s(robot: Bench, left: int, right: int) -> None:
-    robot.send(Cmd.VEL2, wheel_bits(left, right))
+    robot.send(Cmd.VEL2, (left & 0xFF) << 8 | right & 0xFF)
     status = robot.watched(3.0)[-1]
     assert status.left_m_s == pytest.approx(left * 0.02, abs=0.002)
     assert status.right_m_s == pytest.approx(right * 0.02, abs=0.002)

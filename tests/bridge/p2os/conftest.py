@@ -1,73 +1,13 @@
-"""A robot without inertia, and a client's session wired to its controller under a virtual clock."""
+"""A client's session wired to the controller of a robot without inertia, under a virtual clock."""
 
 from __future__ import annotations
 
-import math
-from importlib.resources import files
-
-import msgspec
 import pytest
 
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import Event, Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.motion import Driver
-
-
-class Kinematic:
-    """Voltages are wheel speeds; the world is a wall 2 m away."""
-
-    step_s = 0.005
-    battery_v = 12.7
-    charging = False
-    encoder_counts = (0, 0)
-    half_track = 0.1689
-
-    def __init__(self) -> None:
-        self.left_m_s = self.right_m_s = 0.0
-        self.odometry = (0.0, 0.0, 0.0)
-        self.blocked = False
-
-    @property
-    def v(self) -> float:
-        return (self.left_m_s + self.right_m_s) / 2
-
-    @property
-    def w(self) -> float:
-        return (self.right_m_s - self.left_m_s) / (2 * self.half_track)
-
-    def run(self, steps: int, driver: Driver) -> None:
-        for _ in range(steps):
-            self.step(*driver(self.v, self.w))
-
-    def step(self, left_v: float, right_v: float) -> None:
-        self.left_m_s, self.right_m_s = left_v, right_v
-        x, y, theta = self.odometry
-        way = self.v * self.step_s
-        theta += self.w * self.step_s
-        self.odometry = (x + way * math.cos(theta), y + way * math.sin(theta), theta)
-
-    def reset_odometry(self) -> None:
-        self.odometry = (0.0, 0.0, 0.0)
-
-    def set_pose(self, x: float, y: float, theta: float) -> None:
-        return
-
-    def ping(self, index: int) -> float | None:
-        return 2.0
-
-
-class Perfect:
-    """Speed loops of that robot."""
-
-    def reset(self) -> None:
-        return
-
-    def voltages(
-        self, v_set: float, w_set: float, v: float, w: float, dt: float
-    ) -> tuple[float, float]:
-        side = w_set * Kinematic.half_track
-        return v_set - side, v_set + side
+from tests.bridge.kit import PROFILE, Wheels
 
 
 class Link:
@@ -75,8 +15,8 @@ class Link:
 
     def __init__(self, profile: P2osRobot) -> None:
         self.profile = profile
-        self.plant = Kinematic()
-        self.controller = Microcontroller(profile, self.plant, Perfect())
+        self.plant = Wheels(lag_s=Wheels.step_s)
+        self.controller = Microcontroller(profile, self.plant, self.plant)
         self.now = 0.0
         self.cut = False
         self.fastest = 0.0
@@ -85,7 +25,7 @@ class Link:
 
     def new_session(self) -> Session:
         """A client just started."""
-        self.session = Session(self.profile.p2os, self.now, self.profile.limits)
+        self.session = Session(self.profile, self.now)
         return self.session
 
     def let_pass(self, seconds: float, *, client: bool = True) -> list[Event]:
@@ -111,8 +51,7 @@ class Link:
 
 @pytest.fixture
 def profile() -> P2osRobot:
-    text = (files("armadico.configs") / "robots" / "pioneer-2dx.toml").read_bytes()
-    return msgspec.toml.decode(text, type=P2osRobot)
+    return PROFILE
 
 
 @pytest.fixture

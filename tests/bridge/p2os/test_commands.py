@@ -16,7 +16,6 @@ from armadico.bridge.p2os.commands import (
     decode_command,
     quantity,
     set_pose,
-    wheel_bits,
 )
 from armadico.bridge.p2os.packets import Decoder
 
@@ -41,7 +40,7 @@ def test_text_crosses_the_wire(text: bytes) -> None:
 
 @given(bytes8, bytes8)
 def test_wheel_speeds_cross_the_wire(left: int, right: int) -> None:
-    assert received(command(Cmd.VEL2, wheel_bits(left, right))).wheels == (left, right)
+    assert received(command(Cmd.VEL2, (left & 0xFF) << 8 | right & 0xFF)).wheels == (left, right)
 
 
 @given(st.integers(-(10**6), 10**6), st.integers(-(10**6), 10**6), st.integers(-180, 180))

@@ -65,7 +65,7 @@ def test_the_controller_survives_and_serves_the_next_client(link: Link, seed: in
 def test_the_session_survives_and_reads_the_next_status(profile: P2osRobot, seed: int) -> None:
     draws = random.Random(seed)
     source = draws.choice(sorted(FOLDER.glob("*.s2c.bin"))).read_bytes()
-    session = Session(profile.p2os, 0.0, profile.limits)
+    session = Session(profile, 0.0)
     for answer in (SYNC0, SYNC1, NAMES):
         session.receive(answer, 0.0)
     assert session.is_open

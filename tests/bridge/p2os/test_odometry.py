@@ -75,7 +75,7 @@ def test_packets_lost_in_between_cost_nothing() -> None:
 def test_a_reset_by_somebody_else_moves_nobody(x: float, theta: float) -> None:
     odometry = Odometry(UNITS)
     odometry.update(on_wire(0, 0, 0), 0.0)
-    odometry.rebase()
+    odometry.convert(UNITS)
     odometry.update(on_wire(x, 0, theta), 0.1)
     before = odometry.update(on_wire(x, 0, theta), 0.2)
     after = odometry.update(on_wire(0, 0, 0), 0.3)
@@ -93,7 +93,7 @@ def test_the_pose_moves_where_it_heads_whatever_the_controllers_heading(
     """After SETO the base is new; the pose goes on from where it was, as it was turned."""
     odometry = Odometry(UNITS)
     odometry.update(on_wire(0, 0, before), 0.0)
-    odometry.rebase()
+    odometry.convert(UNITS)
     odometry.update(on_wire(0, 0, after), 1.0)
     ahead = on_wire(0.1 * math.cos(after), 0.1 * math.sin(after), after, 1.0)
     pose = odometry.update(ahead, 1.1)

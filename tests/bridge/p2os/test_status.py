@@ -12,12 +12,9 @@ from msgspec.structs import replace
 
 from armadico.bridge.p2os.configuration import (
     Configuration,
-    Encoders,
     decode_configuration,
-    decode_encoders,
     decode_texts,
     encode_configuration,
-    encode_encoders,
     encode_text,
 )
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
@@ -129,7 +126,7 @@ def test_values_are_those_that_other_clients_computed() -> None:
     assert status.battery_v == pytest.approx(12.7)
     assert (status.left_stall, status.right_stall) == (True, False)
     assert status.motors_enabled
-    assert status.sonar_on
+    assert status.sonar_arrays
     assert status.moving
 
 
@@ -182,17 +179,6 @@ def test_a_configuration_field_too_large_for_the_wire_is_sent_as_its_most() -> N
     assert decode_configuration(
         encode_configuration(Configuration(cycle_s=9.0))
     ).cycle_s == pytest.approx(0.255)
-
-
-@given(st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1))
-def test_encoder_counts_cross_the_wire(left: int, right: int) -> None:
-    assert decode_encoders(encode_encoders(Encoders(left, right))) == Encoders(left, right)
-
-
-@pytest.mark.parametrize("payload", [b"", b"\x90\x00", b"\x32" * 9])
-def test_what_is_no_encoder_packet_is_refused(payload: bytes) -> None:
-    with pytest.raises(ValueError, match="not an ENCODERpac"):
-        decode_encoders(payload)
 
 
 def test_a_packet_of_another_type_is_no_configuration() -> None:

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import cos, sin
 from typing import Any
 
+from armadico.bridge.lines import Transport
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
-from armadico.bridge.ros2.frames import WANTS, Decoder, Wants, frame, read
+from armadico.bridge.ros2.frames import (
+    SEEN,
+    WANTS,
+    Decoder,
+    Frame,
+    Seen,
+    Wanted,
+    Wants,
+    frame,
+    read,
+    said,
+)
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import UNWATCHED, Session
 from armadico.bridge.session import Differs, Noted, Reported
-from armadico.config.profile import load_profile
+from tests.bridge.kit import BURGER
 
-
-def profile_of(name: str) -> Ros2Robot:
-    profile = load_profile(name)
-    assert isinstance(profile, Ros2Robot)
-    return profile
-
-
-BURGER, JACKAL = profile_of("turtlebot3-burger"), profile_of("jackal")
-SONARS, CREATE3 = profile_of("jackal-sonars"), profile_of("create3")
 CLOCK_S = 1_700_000_000.0
 """The robot's clock when ours is at 0."""
 
@@ -191,3 +195,28 @@ class Line:
 
     def speeds(self, since: float = 0.0) -> list[tuple[float, float]]:
         return [(v, w) for at, v, w in self.told if at >= since]
+
+
+class End:
+    """A client's end of a transport of samples."""
+
+    def __init__(self, transport: Transport, *wanted: Wanted) -> None:
+        self.transport, self.wanted = transport, wanted
+
+    def begin(self) -> None:
+        self.decoder, self.seen = Decoder(), Seen()
+        self.transport.write(said(Wants(self.wanted)))
+
+    def frames(self) -> list[Frame]:
+        """What comes next."""
+        found = self.decoder.feed(self.transport.read(0.1))
+        for topic, payload in found:
+            if topic == SEEN:
+                self.seen = read(payload, Seen)
+        return [each for each in found if each[0] != SEEN]
+
+    def until(self, holds: Callable[[Seen], bool]) -> Seen:
+        """Who is there, once that holds; the test's time-out ends the wait for it."""
+        while not holds(self.seen):
+            self.frames()
+        return self.seen

@@ -17,14 +17,14 @@ import pytest
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.addresses import open_ros2
-from armadico.bridge.ros2.frames import SEEN, Decoder, Frame, Seen, Wanted, Wants, frame, read, said
-from armadico.bridge.ros2.profile import Ros2Robot
+from armadico.bridge.ros2.frames import Wanted, frame
 from armadico.bridge.ros2.samples import Address
 from armadico.bridge.ros2.session import Session
 from armadico.bridge.session import Connected, Event, LinkLost, Reported
 from armadico.bridge.transports import Transport, TransportError
-from armadico.config.profile import load_profile
 from tests import real_ros
+from tests.bridge.kit import BURGER
+from tests.bridge.ros2.robot import End
 
 pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
 from armadico.bridge.ros2.dds import DdsWire
@@ -91,13 +91,12 @@ class Peer:
         return nodes
 
 
-class Line:
-    """A client's end of the transport."""
+class Line(End):
+    """A client's end of the transport by DDS."""
 
     def __init__(self, domain: int, namespace: str, *wanted: Wanted) -> None:
         url = f"ros2://{namespace}?domain={domain}&interface=lo"
-        self.transport: Transport = open_ros2(url)
-        self.wanted = wanted
+        super().__init__(open_ros2(url), *wanted)
         self.begin()
 
     def open(self) -> None:
@@ -109,30 +108,12 @@ class Line:
                 self.transport.open()
                 return self.begin()
 
-    def begin(self) -> None:
-        self.decoder, self.seen = Decoder(), Seen()
-        self.transport.write(said(Wants(self.wanted)))
-
-    def frames(self) -> list[Frame]:
-        """What comes next."""
-        found = self.decoder.feed(self.transport.read(0.1))
-        for topic, payload in found:
-            if topic == SEEN:
-                self.seen = read(payload, Seen)
-        return [each for each in found if each[0] != SEEN]
-
     def next(self, topic: str) -> bytes:
         """The next sample of a topic; the test's time-out ends the wait for it."""
         while True:
             for name, payload in self.frames():
                 if name == topic:
                     return payload
-
-    def until(self, holds: Callable[[Seen], bool]) -> Seen:
-        """Who is there, once that holds."""
-        while not holds(self.seen):
-            self.frames()
-        return self.seen
 
     def drive(self, v: float, w: float) -> None:
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
@@ -227,15 +208,6 @@ def test_quality_that_does_not_match_is_named_and_nothing_comes(peer, line) -> N
     assert all(topic != "odom" for topic, _ in ours.frames())
 
 
-def test_another_type_is_named(peer, line) -> None:
-    peer("--plain")
-    seen = line().until(lambda seen: "/robot reads" in "".join(seen.notes))
-    assert seen.notes == (
-        "/robot reads /cmd_vel as geometry_msgs/msg/Twist;"
-        " here it is published as geometry_msgs/msg/TwistStamped: see `stamped` in its profile",
-    )
-
-
 def test_another_type_is_no_matter_of_quality(domain) -> None:
     """Cyclone DDS counts it as that; who publishes and reads what is named by `judge`."""
     with ExitStack() as stack:
@@ -248,21 +220,6 @@ def test_another_type_is_no_matter_of_quality(domain) -> None:
         while not writer.get_offered_incompatible_qos_status().total_count:
             other.take(0.05)
         assert ours.complaints() == []
-
-
-def test_who_else_drives_is_named(peer, line) -> None:
-    peer("--also-drives", "--name", "joystick")
-    assert line().until(lambda seen: "/joystick" in seen.drivers).drivers == ("/joystick",)
-
-
-def test_an_empty_domain_and_a_robot_in_another_namespace(domain, peer, line) -> None:
-    ours = line("", ODOM)
-    (note,) = ours.until(lambda seen: bool(seen.notes)).notes
-    assert f"no robot publishes /odom (nav_msgs/msg/Odometry) in domain {domain}" in note
-    assert "nobody else is there" in note
-    peer("--namespace", "tb7")
-    seen = ours.until(lambda seen: "tb7" in "".join(seen.notes))
-    assert "there is odometry on /tb7/odom: is that its namespace?" in seen.notes[0]
 
 
 def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) -> None:
@@ -304,9 +261,7 @@ class Owner:
     """What the robot agent does with its session, and no more."""
 
     def __init__(self, transport: Transport) -> None:
-        profile = load_profile("turtlebot3-burger")
-        assert isinstance(profile, Ros2Robot)
-        self.transport, self.session = transport, Session(profile, time.monotonic())
+        self.transport, self.session = transport, Session(BURGER, time.monotonic())
 
     def step(self) -> list[Event]:
         """Read once, and write what is to be written."""

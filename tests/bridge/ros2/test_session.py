@@ -10,23 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from armadico.bridge.ramps import RAMP_S
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Seen, frame, said
-from armadico.bridge.ros2.session import LINK_TIMEOUT_S, RAMP_S
+from armadico.bridge.ros2.session import LINK_TIMEOUT_S
 from armadico.bridge.session import Connected, LinkLost, Noted, Pose, Reported, Unanswered
-from tests.bridge.ros2.robot import (
-    BURGER,
-    CLOCK_S,
-    CREATE3,
-    JACKAL,
-    SONARS,
-    Line,
-    battery,
-    hazards,
-    mounted,
-    odometry,
-    ranged,
-)
+from tests.bridge.kit import BURGER, CREATE3, JACKAL, SONARS
+from tests.bridge.ros2.robot import CLOCK_S, Line, battery, hazards, mounted, odometry, ranged
 
 STEP = 1e-6
 
@@ -110,7 +100,7 @@ def test_a_flood_costs_no_more_than_its_newest() -> None:
     before = line.session.line.surplus
     line.raw(data)
     assert line.session.line.surplus - before >= 900
-    assert line.session._stamp == pytest.approx(CLOCK_S + 1.999)
+    assert line.session._stamps.stamp == pytest.approx(CLOCK_S + 1.999)
 
 
 # --- odometry
@@ -280,17 +270,6 @@ def test_the_line_that_is_opened_again_begins_with_what_it_wants() -> None:
     assert line.session.is_open
 
 
-def test_who_hung_comes_back_to_a_robot_that_is_told_to_stand() -> None:
-    line = Line().open()
-    line.drive(0.2)
-    line.go(0.5, v=0.2)
-    line.now += 2.0
-    line.odometry(v=0.2)
-    line.go(0.6, v=0.1)
-    assert line.told[-1][1:] == (0.0, 0.0)
-    assert line.session.is_open
-
-
 # --- who else is there
 
 
@@ -304,17 +283,6 @@ def test_others_that_drive_are_named_once() -> None:
     line.raw(said(Seen()))
     line.raw(said(Seen(drivers=("/nav2",))))
     assert len(line.notes) == 2
-
-
-def test_what_the_line_says_badly_ends_nothing() -> None:
-    line = Line().open()
-    line.say("@seen", b'{"drivers": "all"}')
-    line.say("odom", b"\x00\x01\x00\x00")
-    line.say("battery_state", b"nonsense")
-    line.say("elsewhere", b"whatever")
-    assert line.session.line.malformed == 3
-    line.go(0.2)
-    assert line.session.is_open
 
 
 @settings(max_examples=100, deadline=None)
@@ -403,35 +371,18 @@ def test_a_laser_that_is_well_every_other_time_is_not_complained_of_each_time() 
     assert len(line.notes) in (1, 2)
 
 
-def test_a_laser_with_another_clock_is_named() -> None:
+@pytest.mark.parametrize(
+    ("at", "text"),
+    [(-5.0, "older than the odometry"), (5.0, "ahead of the odometry"), (None, "no time stamp")],
+)
+def test_a_laser_with_another_clock_or_without_one_is_named(at: float | None, text: str) -> None:
     line = Line().open()
     for _ in range(10):
-        line.scan([1.0, 2.0], at=line.now - 5.0)
+        line.scan([1.0, 2.0], at=-CLOCK_S if at is None else line.now + at)
         line.go(0.1)
     assert line.report.scan is None
     (noted,) = line.notes
-    assert "do the clocks agree" in noted.text
-
-
-def test_a_laser_whose_clock_is_ahead_is_not_called_older() -> None:
-    line = Line().open()
-    for _ in range(10):
-        line.scan([1.0, 2.0], at=line.now + 5.0)
-        line.go(0.1)
-    assert line.report.scan is None
-    (noted,) = line.notes
-    assert "ahead" in noted.text
-    assert "older" not in noted.text
-
-
-def test_a_scan_without_a_stamp_is_named_as_that() -> None:
-    line = Line().open()
-    for _ in range(10):
-        line.scan([1.0, 2.0], at=-CLOCK_S)
-        line.go(0.1)
-    assert line.report.scan is None
-    (noted,) = line.notes
-    assert "no time stamp" in noted.text
+    assert text in noted.text
 
 
 CONTRADICTIONS = [
@@ -732,7 +683,7 @@ def test_a_laser_that_is_tilted_is_not_heeded() -> None:
 def test_where_the_base_is_the_odometry_says() -> None:
     line = Line()
     line.ros2 = replace(line.ros2, base_frame="base_footprint")
-    line.session._base = "base_footprint"  # of another profile; the odometry is base_link's
+    line.session._sensors.mounting.base = "base_footprint"  # the odometry is base_link's
     line.open()
     line.say("/tf_static", mounted("laser", 0.05))
     line.scan([1.0])

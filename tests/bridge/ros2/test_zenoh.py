@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ import pytest
 from armadico.bridge.lines import TransportError
 from armadico.bridge.ros2 import cdr, types, zenoh_names
 from armadico.bridge.ros2.addresses import client_transport, robot_transport
-from armadico.bridge.ros2.frames import SEEN, Decoder, Frame, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.frames import Frame, Wanted, frame
 from armadico.bridge.ros2.graph import Endpoint
 from armadico.bridge.ros2.samples import SampleTransport
 from tests import real_ros
+from tests.bridge.ros2.robot import End
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(120)]
 
@@ -35,30 +36,20 @@ def url() -> str:
         return f"ros2+zenoh://127.0.0.1:{free.getsockname()[1]}/tb1?domain={DOMAIN}"
 
 
-class Line:
+class Line(End):
     """One end of a transport."""
 
-    def __init__(self, transport: SampleTransport, *wanted: Wanted) -> None:
-        self.transport, self.decoder, self.seen = transport, Decoder(), Seen()
-        transport.open()
-        transport.write(said(Wants(wanted)))
+    transport: SampleTransport
 
-    def frames(self) -> list[Frame]:
-        found = self.decoder.feed(self.transport.read(0.1))
-        for topic, payload in found:
-            if topic == SEEN:
-                self.seen = read(payload, Seen)
-        return [each for each in found if each[0] != SEEN]
+    def __init__(self, transport: SampleTransport, *wanted: Wanted) -> None:
+        super().__init__(transport, *wanted)
+        transport.open()
+        self.begin()
 
     def next(self) -> Frame:
         while not (found := self.frames()):
             pass
         return found[-1]
-
-    def until(self, holds: Callable[[Seen], bool]) -> Seen:
-        while not holds(self.seen):
-            self.frames()
-        return self.seen
 
     def say(self, text: str) -> None:
         self.transport.write(frame("listen", cdr.encode(types.String(data=text))))

@@ -13,7 +13,8 @@ from armadico.bridge.ros2 import cdr, types
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
-from armadico.gateways.ros2.society import MOST, Society, ros_namespace
+from armadico.gateways.ros2.health import MOST
+from armadico.gateways.ros2.society import Society, ros_namespace
 from armadico.mobile.geometry import compose
 from armadico.mobile.messages import (
     BatteryLevel,

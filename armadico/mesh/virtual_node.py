@@ -1,0 +1,304 @@
+"""An agent's process on the virtual mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
+from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
+from armadico.core.journal import Journalled
+from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
+from armadico.core.messages import JournalPiece, Message
+from armadico.core.resources import WHEELS
+from armadico.core.services import Kind, matches
+from armadico.mesh.virtual_clock import Step
+from armadico.mesh.virtual_network import Clock
+from armadico.mesh.virtual_place import Device, Network, Place
+
+LOOK_AGAIN: Final = 0.02
+"""How often a wake-up tries whether a process that hangs or is busy can take it, s."""
+
+ROUNDING: Final = 1e-9
+"""A wake-up this little before its time, s, by a clock of its own, is in time."""
+
+
+class Node(Place):
+    """An agent's process: its driver, and what makes it hang, slow or wrong about the time.
+
+    Without a clock of its own it takes the mesh's time for its own.
+    """
+
+    def __init__(
+        self,
+        agent: Agent,
+        mesh: Network,
+        device: Device | None,
+        clock: Clock | None,
+        admit: bool,
+        namespace: str,
+    ) -> None:
+        self.agent = agent
+        super().__init__(mesh, namespace, agent.name)
+        self.device = device
+        self.clock = clock
+        self.mailbox: Mailbox[Callable[[], None]] = Mailbox()
+        self.waits = True  # for a router, before its agent begins
+        self.hangs = 0
+        self.work_s = 0.0  # for each delivery: what else it would have been through at once
+        self._busy = False
+        self._worked = 0  # deliveries since its last wake-up, or since nothing waited
+        self._wake_due: float | None = None
+        self._admit = admit
+        self.begun = False
+        self.driver = Driver(agent, self.time, admit=admit)
+        self.keep_journal()
+
+    @property
+    def is_router(self) -> bool:
+        return WHEELS in self.agent.owns
+
+    def keep_journal(self) -> None:
+        """From its beginning, if it has not begun and the mesh has somebody read it."""
+        head = self.mesh.head
+        if head is not None and not self.begun:
+            told = head(self.agent)
+            self.driver = Journalled(
+                self.agent, self.time, told, admit=self._admit, publishes=False
+            )
+
+    def pieces(self) -> list[JournalPiece]:
+        """What its journal has come to since this was last asked; nothing if it keeps none."""
+        return self.driver.pieces() if isinstance(self.driver, Journalled) else []
+
+    @property
+    def time(self) -> float:
+        """What it takes for the time, s."""
+        now = self.mesh.now
+        return now if self.clock is None else self.clock.read(now)
+
+    def begin(self) -> None:
+        self.begun = True
+        self.driver.begin(self.time)
+        self._drain()
+
+    # Faults --------------------------------------------------------------------------------------
+
+    def leave(self) -> None:
+        """SIGTERM: it lets go of what it holds, and ends."""
+        self.driver.leave(self.time)
+        self._send(self.driver.take())
+        self.kill()
+
+    def hang(self) -> None:
+        """SIGSTOP: what arrives waits, its token stays for the lease."""
+        if not self.hung:
+            self.hung = True
+            self.mesh.liveliness.hung(self)
+
+    def resume(self) -> None:
+        """SIGCONT: everything that waited arrives in a burst."""
+        self.hung = False
+        self._flush()
+        self.mesh.liveliness.woken(self)
+        self.mesh.star.woken(self)
+
+    def slow_down(self, work_s: float) -> None:
+        """It needs so long for each delivery from now on, s; 0 is as fast as ever."""
+        self.work_s = work_s
+        if not work_s and not self._busy:
+            self._flush()
+
+    def jump(self, ahead: float) -> None:
+        """Its clock shows so much more at once, s."""
+        self._own_clock().jump(ahead)
+        self._mind_wakeup(anew=True)
+
+    def drift(self, rate: float) -> None:
+        """Its clock runs so many times as fast as it should from now on."""
+        self._own_clock().drift(self.mesh.now, rate)
+        self._mind_wakeup(anew=True)
+
+    def _own_clock(self) -> Clock:
+        if self.clock is None:
+            self.clock = Clock()
+        return self.clock
+
+    # What arrives --------------------------------------------------------------------------------
+
+    def listeners(self) -> list[tuple[str, Step, Any]]:
+        return [(to.pattern, self._deliver, to) for to in self.agent.subscriptions()]
+
+    def _deliver(self, to: Subscription, what: tuple[str, Message | bytes]) -> None:
+        if not self.alive:
+            return
+        key, message = what
+        if self._waits():
+            keep = 1 if to.kind is Kind.STATE else EVENTS
+            self._hand(lambda: self.driver.deliver(to, key, message, self.time), key, keep)
+            return
+        driver = self.driver
+        driver.deliver(to, key, message, self.mesh.now if self.clock is None else self.time)
+        out = driver.take()
+        if out:
+            self._send(out)
+        wanted, due = driver.wakeup, self._wake_due
+        if wanted is not None and (due is None or self.clock is not None or wanted < due):
+            self._mind_wakeup()
+
+    def queried(self, pattern: str) -> list[Any]:
+        return [key for key in self.driver.queries if matches(pattern, key)]
+
+    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
+        _, request, number = what
+        self._hand(lambda: self.driver.asked(one, request, number, self.time), f"query/{one}")
+
+    def tell(self, name: str, instance: str, alive: bool) -> None:
+        self._hand(
+            lambda: self.driver.token(name, instance, alive, self.time), f"token/{instance}", 1
+        )
+
+    def tell_router(self, there: bool) -> None:
+        if self.begun:
+            self._hand(lambda: self.driver.router(there, self.time), "router", 1)
+        else:
+            self.driver.router(there, self.time)
+
+    def received(self, data: bytes, _: Any) -> None:
+        """Take bytes from the device."""
+        self._hand(lambda: self.driver.received(data, self.time), "device")
+
+    def _replied(self, number: int, message: Message | None) -> None:
+        self._hand(lambda: self.driver.replied(number, message, self.time), f"reply/{number}")
+
+    def _hand(self, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
+        """Deliver something, or keep it in a lane while it hangs or is busy."""
+        if not self.alive:
+            return
+        if self._waits():
+            self.mailbox.put(lane, lambda: self._through(deliver), keep)
+            self._work()
+        else:
+            self._through(deliver)
+
+    def _waits(self) -> bool:
+        """Whether what arrives must wait: nothing overtakes what waits already."""
+        return self.hung or bool(self.work_s) or self._busy or bool(self.mailbox)
+
+    def _through(self, deliver: Callable[[], None]) -> None:
+        if self.alive:
+            deliver()
+            self._drain()
+
+    def _flush(self) -> None:
+        while not self.hung and not self._busy and (item := self.mailbox.take()):
+            item()
+        self._own_up()
+
+    def _work(self) -> None:
+        """A slow process takes one thing after another; what it sends comes at the end of each."""
+        while not (self._busy or self.hung) and (item := self.mailbox.take()):
+            self._worked += 1
+            item()
+        if not self._busy:
+            self._worked = 0
+        self._own_up()
+
+    def _own_up(self) -> None:
+        """Have the agent report what its mailbox had no room for, as a process does."""
+        if self.hung or self._busy or not self.alive:
+            return
+        if dropped := self.mailbox.take_dropped():
+            self.driver.report(dropped, self.time)
+            self._send(self.driver.take())
+
+    def _has_worked(self, out: list[Output], _: Any) -> None:
+        self._busy = False
+        if self.hung:  # it goes on where it was
+            self.mailbox.put("worked", lambda: self._send(out))
+        elif self.alive:
+            self._send(out)
+            wanted = self.driver.wakeup
+            worked_s = (self._worked - 1) * self.work_s
+            if wanted is not None and self.time >= wanted and worked_s >= BURST_S:
+                self._wake(self._wake_due or 0.0, None)
+            if self.work_s:
+                self._work()
+            else:
+                self._flush()
+            self._mind_wakeup()
+
+    # What is sent --------------------------------------------------------------------------------
+
+    def _drain(self) -> None:
+        """Send what the agent has put into its outbox, at once or when its work is done."""
+        out = self.driver.take()
+        if self.work_s and self.alive:
+            self._busy = True
+            self.mesh.call_at(self.mesh.now + self.work_s, self._has_worked, out)
+            return
+        if out:
+            self._send(out)
+        self._mind_wakeup()
+        if self.driver.refusal and self.alive:
+            if self.mesh.refused is not None:
+                self.mesh.refused(self)
+            self.leave()
+
+    def _send(self, out: list[Output]) -> None:
+        for item in out:
+            if type(item) is Publish:
+                why = self.mesh.spread(self.address, item.key, item.message, self)
+                if why:
+                    self.unsent(item.key, why)
+            elif isinstance(item, Write):
+                self.mesh.ports.write(self, item.data)
+            elif isinstance(item, AskFor):
+                self._ask(item)
+            elif isinstance(item, Reply):
+                self.mesh.queries.reply(self, item.call, item.key, item.message)
+            elif isinstance(item, Announce):
+                self.show(self.name, self.agent.instance)
+            elif isinstance(item, OpenPort) and self.device is not None:
+                self.mesh.ports.plug(self.device, self)
+                self.driver.link(True, "", self.time)
+                self._drain()
+
+    def _ask(self, item: AskFor) -> None:
+        self.mesh.queries.put_first(self, item, lambda message: self._replied(item.id, message))
+
+    def unsent(self, key: str, why: str) -> None:
+        """See `Place`: the agent says so."""
+        self.driver.refuse(key, why, self.time)
+        self._send(self.driver.take())
+
+    # Wake-ups ------------------------------------------------------------------------------------
+
+    def _mind_wakeup(self, *, anew: bool = False) -> None:
+        """See that it is woken when the agent wants it; `anew`: its clock has changed."""
+        if anew:
+            self._wake_due = None
+        wanted = self.driver.wakeup
+        if wanted is None or not self.alive:
+            return
+        due = wanted if self.clock is None else self.clock.when(wanted)
+        if self._wake_due is None or due < self._wake_due:
+            self._wake_due = due
+            self.mesh.call_at(max(due, self.mesh.now), self._wake, due)
+
+    def _wake(self, due: float, _: Any) -> None:
+        if self._wake_due != due:
+            return  # an earlier one took its place
+        self._wake_due = None
+        if not self.alive:
+            return
+        if self.hung or self._busy:
+            self._wake_due = self.mesh.now + LOOK_AGAIN
+            self.mesh.call_at(self._wake_due, self._wake, self._wake_due)
+            return
+        now, wanted = self.time, self.driver.wakeup
+        if wanted is not None and now < wanted < now + ROUNDING:
+            now = wanted
+        self._worked = 0
+        self.driver.wake(now)
+        self._drain()

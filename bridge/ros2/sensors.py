@@ -1,0 +1,148 @@
+"""What a ROS 2 robot publishes beside its odometry: scans, ranges, battery, hazards; sans-IO.
+
+All of it is as old as the odometry of the cycle that it is reported with.
+"""
+
+from __future__ import annotations
+
+from armadico.bridge.counting import Counts
+from armadico.bridge.notices import COMPLAIN_S, Notices
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import decode
+from armadico.bridge.ros2.described import odometry_differs, scan_differs
+from armadico.bridge.ros2.hazards import Hazards
+from armadico.bridge.ros2.mounts import Mount, Mounting
+from armadico.bridge.ros2.odometry import Measured
+from armadico.bridge.ros2.profile import Ros2Robot
+from armadico.bridge.ros2.rangers import Rangers
+from armadico.bridge.ros2.scans import Scans, UnusableScanError
+from armadico.bridge.ros2.stamps import stamp_of
+from armadico.bridge.session import Differs, Event, Pose, Reported, Swept
+from armadico.mobile.geometry import Pose2
+
+OLD_TURNS, OLD_CYCLES = 2.0, 2.0
+"""A reading older than both is not used, nor one that is as much newer than the odometry."""
+
+
+class Sensors:
+    """The sensors of a robot, and what they have measured since the cycle before."""
+
+    def __init__(self, profile: Ros2Robot, events: list[Event], counts: Counts, now: float) -> None:
+        self.notices = Notices(events)
+        self.mounting = Mounting(profile.ros2, self.notices, now)
+        self._profile, self._events, self._counts = profile, events, counts
+        laser = profile.laser
+        turn_s = 0.0 if laser is None else 1.0 / laser.rate_hz
+        self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * profile.ros2.cycle_s)
+        self._scans = None if laser is None else Scans(laser, self._old_s)
+        self._hazards = Hazards()
+        self._battery = (0.0, False)  # V, and whether it is charged
+        self._rangers: Rangers | None = None
+        self._compared: set[str] = set()  # topics that were compared with the profile
+
+    def begin(self, now: float) -> None:
+        """The session waits for the robot: what was measured before does not count."""
+        ring = self._profile.sonar
+        self._rangers = None if ring is None else Rangers(ring, self._old_s, now)
+        self._compared.clear()
+        self.mounting.begin(now)
+        if self._scans is not None:
+            self._scans.begin()
+
+    def receive(self, topic: str, payload: bytes, now: float) -> bool:
+        """Take what was published; whether it is a sensor's. Raises ValueError if it is damaged."""
+        ros2 = self._profile.ros2
+        if ros2.scan is not None and topic == ros2.scan.name and self._scans is not None:
+            self._scans.receive(payload)
+        elif ros2.battery is not None and topic == ros2.battery.name:
+            state = decode(types.BatteryState, payload)
+            volts, status = float(state.voltage), state.power_supply_status
+            self._battery = volts if 0.0 <= volts <= 1e4 else 0.0, status == types.CHARGING
+        elif any(topic == each.name for each in ros2.sonar):
+            self._on_range(payload, now)
+        elif ros2.hazards is not None and topic == ros2.hazards.name:
+            self._hazards.feel(decode(types.HazardDetectionVector, payload))
+        elif ros2.tf_static is not None and topic == ros2.tf_static.name:
+            self.mounting.learn(decode(types.TFMessage, payload))
+        else:
+            return False
+        return True
+
+    def on_odometry(self, odometry: types.Odometry) -> None:
+        """Take the frames of an odometry."""
+        self._compare(self._profile.ros2.odom.name, odometry)
+        self.mounting.move_base(odometry.child_frame_id)
+
+    def report(self, pose: Pose, here: Measured, stamp: float, now: float) -> Reported:
+        """The report of a cycle whose odometry has this stamp (s)."""
+        hazards, (volts, charging) = self._hazards, self._battery
+        hazards.take()
+        for text in hazards.told:
+            self.notices.note(text, now, COMPLAIN_S)
+        return Reported(
+            pose=pose,
+            v=here.v,
+            w=here.w,
+            battery_v=volts,
+            charging=charging,
+            stalled=hazards.stalled,
+            lifted=hazards.lifted,
+            front_bumpers=hazards.ahead,
+            rear_bumpers=hazards.behind,
+            echoes=self._echoes(stamp, now),
+            sonars=self._places(now),
+            scan=self._scan(stamp, now),
+        )
+
+    def _on_range(self, payload: bytes, now: float) -> None:
+        message = decode(types.Range, payload)
+        if self._rangers is None:
+            return
+        try:
+            self._rangers.hear(message, stamp_of(payload), now)
+        except ValueError as error:
+            self.notices.note(f"a sonar is not heeded: {error}", now)
+            raise
+
+    def _echoes(self, stamp: float, now: float) -> tuple[tuple[int, float], ...]:
+        if self._rangers is None:
+            return ()
+        echoes = self._rangers.take(stamp, now)
+        self.notices.complain("the sonars are", self._rangers.wrong, now)
+        return echoes
+
+    def _places(self, now: float) -> tuple[Pose2, ...]:
+        ring = self._profile.sonar
+        return tuple(
+            self.mounting.mount(sonar.frame or "", Mount(sonar.place), "sonar", now).place
+            for sonar in (() if ring is None else ring.sonars)
+        )
+
+    def _scan(self, stamp: float, now: float) -> Swept | None:
+        scans = self._scans
+        if scans is None:
+            return None
+        try:
+            scan = scans.decode(stamp)
+            if scan is not None:
+                ours = Mount(scans.laser.place, scans.laser.upside_down)
+                scans.accept(scan, self.mounting.mount(scan.header.frame_id, ours, "laser", now))
+                self._compare("scan", scan)
+                self.notices.complain("the laser is", "", now)
+        except UnusableScanError as error:
+            self.notices.complain("the laser is", str(error), now)
+        except ValueError as error:
+            self._counts.malformed += 1
+            self.notices.complain("the laser is", str(error), now)
+        return scans.newest(stamp)
+
+    def _compare(self, topic: str, message: types.Odometry | types.LaserScan) -> None:
+        """Report where the first sound message of a topic differs from the profile."""
+        if topic in self._compared:
+            return
+        self._compared.add(topic)
+        if isinstance(message, types.Odometry):
+            found = odometry_differs(self._profile, message)
+        elif self._scans is not None:
+            found = scan_differs(self._profile, self._scans.laser, message)
+        self._events += map(Differs, found)
