@@ -6,8 +6,6 @@ happens.
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -15,16 +13,7 @@ from typing import TYPE_CHECKING
 
 from armadico.config.scenarios import Scenario
 from armadico.core.restart_policy import MISUSED
-from armadico.launch.processes import (
-    SIMULATOR,
-    START_S,
-    Process,
-    StartError,
-    agent_words,
-    end_in_order,
-    ending,
-    simulator_words,
-)
+from armadico.launch.processes import START_S, Process, ProcessTable, ending
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
 from armadico.mobile.messages import MissionStatus
@@ -53,7 +42,13 @@ INSTEAD = (
 
 
 class Launcher(LiveRun):
-    """The processes of one run; a context manager that leaves nothing running."""
+    """The processes of one run; a context manager that leaves nothing running.
+
+    Attributes:
+        members: The agents that were started.
+        table: Their processes, with the simulator's.
+        ended: Those that ended before they were asked to.
+    """
 
     def __init__(
         self,
@@ -66,28 +61,34 @@ class Launcher(LiveRun):
         idle_s: float = IDLE_S,
         joining: Sequence[str] = (),
         tied: bool = False,
+        logs: Path | None = None,
     ) -> None:
         """Prepare.
 
         Args:
-            scenario: What is driven, and who takes part.
+            scenario: As in `LiveRun`, and so are `options`, `mesh`, `silent_s` and `idle_s`.
             options: What else was chosen for the run.
             mesh: Where the launcher listens.
             namespace: The robot's subtree of keys.
-            silent_s: A run whose robot has published nothing for so long is over.
-            idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
-                takes part is missing.
-            joining: Options by which the processes find the mesh, if it is not the default one.
-            tied: The processes are to leave when this one is killed, instead of driving on.
+            silent_s: When a silent robot ends the run.
+            idle_s: When unclaimed wheels do.
+            joining: As in `ProcessTable`, and so are `tied` and `logs`.
+            tied: The processes leave when this one is killed.
+            logs: The folder of the logs.
         """
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
-        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
-        self.processes: list[Process] = []
+        self.table = ProcessTable(namespace, joining, tied=tied, journal=options.journal, logs=logs)
         self._namespace = namespace
-        self._joining = tuple(joining)
-        self._tied = tied
-        self._mourned: set[Process] = set()
+        self.ended: set[Process] = set()
+
+    @property
+    def processes(self) -> list[Process]:
+        return self.table.processes
+
+    @property
+    def logs(self) -> Path:
+        return self.table.logs
 
     def __exit__(
         self,
@@ -100,8 +101,8 @@ class Launcher(LiveRun):
         self.stop()
         well = isinstance(error, KeyboardInterrupt)
         well |= error is None and self.watch.result().passed
-        if not began or (well and not self._mourned):
-            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
+        if not began or (well and not self.ended):
+            self.table.remove_logs()
 
     def run(
         self,
@@ -172,23 +173,11 @@ class Launcher(LiveRun):
 
     def start_simulator(self, port: int = 0) -> str:
         """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
-        words = simulator_words(self.scenario, self.options.seed, self._namespace, port)
-        process = self._process(SIMULATOR, words, listen=True)
-        try:
-            return process.announced()[0]
-        except StartError as error:
-            raise RunFailedError(str(error)) from None
+        return self.table.start_simulator(self.scenario, self.options.seed, port).announced()[0]
 
     def start_agent(self, *group: Member, name: str = "") -> Process:
         """Start an agent as a process, or several as one; by default it is called as the first."""
-        words = agent_words(group, self._namespace, journal=self.options.journal)
-        return self._process(name or group[0].name, words)
-
-    def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
-        log = self.logs / f"{name}.log"
-        process = Process(name, [*words, *self._joining], log, listen=listen, tied=self._tied)
-        self.processes.append(process)
-        return process
+        return self.table.start_agents(name or group[0].name, group)
 
     def _wait_for_everybody(self) -> None:
         """Until all agents are alive."""
@@ -263,8 +252,8 @@ class Launcher(LiveRun):
         Raises RunFailedError if another's agent has taken the place of one.
         """
         for process in self.processes:
-            if process.ended() and process not in self._mourned:
-                self._mourned.add(process)
+            if process.ended() and process not in self.ended:
+                self.ended.add(process)
                 if process.popen.returncode == MISUSED:  # another's of its kind is there
                     self._check_alive()
                 self._warn(
@@ -282,5 +271,4 @@ class Launcher(LiveRun):
 
     def stop(self) -> None:
         """Take everything down: the behaviours let go, the robot stops, the simulator ends last."""
-        end_in_order(self.processes)
-        self.processes.clear()
+        self.table.end()

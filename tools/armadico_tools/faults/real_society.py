@@ -19,12 +19,13 @@ from armadico.config.scenarios import Scenario, planned
 from armadico.core.messages import Ask, Command, Message, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
-from armadico.launch.processes import agent_words, end, simulator_words
+from armadico.launch.processes import agent_words, simulator_words
 from armadico.launch.society import Member, Options, members, mission
 from armadico.mesh.ports import free_port
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.view import agent_of
 from armadico.observe.watching import kind_at
+from armadico.runtime.programs import end
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.event_log import Account
 from armadico_tools.faults.observations import Faulted, Passed, Said
