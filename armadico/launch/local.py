@@ -6,14 +6,14 @@ happens.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from armadico.config.scenarios import Scenario
 from armadico.core.restart_policy import MISUSED
-from armadico.launch.processes import START_S, Process, ProcessTable, ending
+from armadico.launch.processes import START_S, Process, ProcessTable, ending, logs_folder
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
 from armadico.mobile.messages import MissionStatus
@@ -78,7 +78,8 @@ class Launcher(LiveRun):
         """
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
-        self.table = ProcessTable(namespace, joining, tied=tied, journal=options.journal, logs=logs)
+        folder = logs or logs_folder()
+        self.table = ProcessTable(namespace, joining, tied, options.journal, folder)
         self._namespace = namespace
         self.ended: set[Process] = set()
 
@@ -136,9 +137,17 @@ class Launcher(LiveRun):
         self.members = members(self.scenario, self.options, port)
         for name, group in processes(self.members, self.options.together).items():
             self.start_agent(*group, name=name)
-        self._wait_for_everybody()
+        if not self._comes(lambda: not self._missing(), START_S):
+            raise RunFailedError(
+                f"did not start within {START_S:.0f} s: {', '.join(self._missing())}"
+                " (`armadico doctor` checks ports and packages)"
+            )
         self._refuse_a_second_run()
-        self._wait_for_the_robot(port)
+        if not self._comes(self._ready_to_drive, ANSWER_S):
+            raise RunFailedError(
+                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
+                f" {self.words_of_the_robot()}"
+            )
 
     def _refuse_company(self) -> None:
         """A robot that is in the namespace already is not ours to drive."""
@@ -152,23 +161,22 @@ class Launcher(LiveRun):
 
     def _refuse_a_second_run(self) -> None:
         """Of two runs that begin together one drives at most, and only with its own agents."""
-        end = self.client.mesh.now() + ALONE_S
+        end = self.now() + ALONE_S
         seen: set[str] = set()  # a card that came once may be late the next time
-        while strangers := self._strange_agents():
+        while strangers := self._others(who for who in self.client.alive if who[0] in self.names):
             seen.update(strangers)
             self._check_alive()  # an encoder agent that finds another leaves
-            if self.client.mesh.now() >= end:
+            if self.now() >= end:
                 raise RunFailedError(
                     f"others came into the namespace {self._namespace!r} meanwhile:"
                     f" {', '.join(sorted(seen))}; use another one: --namespace NAME"
                 )
             self.client.wait_for(lambda: None, LOOK_S)
 
-    def _strange_agents(self) -> list[str]:
-        """Instances of the agents that take part which somebody else has started."""
+    def _others(self, agents: Iterable[tuple[str, str]]) -> list[str]:
+        """Instances of agents, by their names and instances, that somebody else has started."""
         ours = {process.popen.pid for process in self.processes}
-        there = sorted(who for who in self.client.alive if who[0] in self.names)
-        cards = [self.client.card(*who) for who in there]
+        cards = [self.client.card(*who) for who in sorted(agents)]
         return [card.instance for card in cards if card is not None and card.pid not in ours]
 
     def start_simulator(self, port: int = 0) -> str:
@@ -179,38 +187,19 @@ class Launcher(LiveRun):
         """Start an agent as a process, or several as one; by default it is called as the first."""
         return self.table.start_agents(name or group[0].name, group)
 
-    def _wait_for_everybody(self) -> None:
-        """Until all agents are alive."""
-
-        def here() -> bool:
-            self._check_alive()
-            return not self._missing()
-
-        if not self._comes(here, START_S):
-            missing = ", ".join(self._missing())
-            raise RunFailedError(
-                f"did not start within {START_S:.0f} s: {missing}"
-                " (`armadico doctor` checks ports and packages)"
-            )
-
-    def _wait_for_the_robot(self, port: str) -> None:
-        """Until it talks and obeys, and the encoder agent, if it takes part, knows where it is."""
-
-        def talks() -> bool:
-            self._check_alive()
-            return self._ready_to_drive()
-
-        if not self._comes(talks, ANSWER_S):
-            raise RunFailedError(
-                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
-                f" {self.words_of_the_robot()}"
-            )
-
     def _comes(self, condition: Callable[[], bool], within: float) -> bool:
-        """Whether something becomes so; without a robot agent nothing arrives, and it is polled."""
-        end = self.client.mesh.now() + within
-        while not self.client.wait_for(condition, LOOK_S):
-            if self.client.mesh.now() >= end:
+        """Whether something becomes so; without a robot agent nothing arrives, and it is polled.
+
+        Raises RunFailedError if a process has ended.
+        """
+
+        def comes() -> bool:
+            self._check_alive()
+            return condition()
+
+        end = self.now() + within
+        while not self.client.wait_for(comes, LOOK_S):
+            if self.now() >= end:
                 return False
         return True
 
@@ -230,21 +219,11 @@ class Launcher(LiveRun):
         The agent may have received tokens and cards that have not come here yet: they are waited
         for, `NAMES_S` at most.
         """
-        ours = {process.popen.pid for process in self.processes}
-
-        def robot() -> str:
-            cards = (self.client.card(*who) for who in self._robots())
-            return next((c.instance for c in cards if c is not None and c.pid not in ours), "")
-
-        found = self.client.wait_for(robot, NAMES_S)
-        if not found and not self._is_alive(name):
+        found = self.client.wait_for(lambda: self._others(self._robots()), NAMES_S)
+        if not found and not any(other == name for other, _ in self.client.alive):
             return ""
-        whose = f", with the robot agent {found}" if found else ""
+        whose = f", with the robot agent {found[0]}" if found else ""
         return f"\nA society is up in the namespace {self._namespace!r}{whose}: {INSTEAD}"
-
-    def _is_alive(self, name: str) -> bool:
-        """Whether somebody's agent of that name is."""
-        return any(other == name for other, _ in self.client.alive)
 
     def look(self) -> None:
         """Say once who has gone.

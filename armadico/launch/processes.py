@@ -12,6 +12,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -72,53 +73,47 @@ class Process(Program):
         return found
 
 
+def logs_folder() -> Path:
+    """A new folder for the logs of a run or a host."""
+    return Path(tempfile.mkdtemp(prefix="armadico-"))
+
+
+@dataclass
 class ProcessTable:
     """The processes that one program has started for a society, and the folder of their logs.
 
     Attributes:
-        processes: In the order of their start; those that have ended stay until they are taken out.
+        namespace: The robot's subtree of keys.
+        joining: Options by which the processes find the mesh, if it is not the default one.
+        tied: They are to leave when this process is killed, instead of driving on.
+        journal: The agents publish what enters and leaves them.
         logs: The folder.
+        processes: In the order of their start; those that have ended stay until they are taken out.
     """
 
-    def __init__(
-        self,
-        namespace: str,
-        joining: Sequence[str] = (),
-        *,
-        tied: bool = False,
-        journal: bool = False,
-        logs: Path | None = None,
-    ) -> None:
-        """Prepare.
-
-        Args:
-            namespace: The robot's subtree of keys.
-            joining: Options by which the processes find the mesh, if it is not the default one.
-            tied: The processes are to leave when this one is killed, instead of driving on.
-            journal: The agents publish what enters and leaves them.
-            logs: The folder of the logs; None: a new one.
-        """
-        self.processes: list[Process] = []
-        self.logs = Path(tempfile.mkdtemp(prefix="armadico-")) if logs is None else logs
-        self._namespace, self._joining = namespace, tuple(joining)
-        self._tied, self._journal = tied, journal
+    namespace: str
+    joining: Sequence[str] = ()
+    tied: bool = False
+    journal: bool = False
+    logs: Path = field(default_factory=logs_folder)
+    processes: list[Process] = field(default_factory=list)
 
     def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
         """Start `armadico WORDS...` on the mesh of the society."""
         log = self.logs / f"{name}.log"
-        process = Process(name, [*words, *self._joining], log, listen=listen, tied=self._tied)
+        process = Process(name, [*words, *self.joining], log, listen=listen, tied=self.tied)
         self.processes.append(process)
         return process
 
     def start_agents(self, name: str, members: Sequence[Member]) -> Process:
         """Start the agents of one process."""
-        return self.start(name, agent_words(members, self._namespace, journal=self._journal))
+        return self.start(name, agent_words(members, self.namespace, journal=self.journal))
 
     def start_simulator(
         self, scenario: Scenario, seed: int, port: int = 0, also: Sequence[str] = ()
     ) -> Process:
         """Start a simulator on a TCP port, 0: one that is free; it has `announced` its robots."""
-        words = simulator_words(scenario, seed, self._namespace, port, also)
+        words = simulator_words(scenario, seed, self.namespace, port, also)
         return self.start(SIMULATOR, words, listen=True)
 
     def named(self, name: str) -> Process | None:

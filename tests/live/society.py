@@ -52,7 +52,7 @@ class Linked(ProcessTable):
     """Links the simulator to the observer, which sees the truth without a robot agent, too."""
 
     def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
-        more = joining_observer(self._namespace) if name == SIMULATOR else ()
+        more = joining_observer(self.namespace) if name == SIMULATOR else ()
         return super().start(name, [*words, *more], listen=listen)
 
 
