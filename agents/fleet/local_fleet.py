@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from armadico.agents.fleet.messages import FleetClaims
-from armadico.agents.fleet.run import HEAR_S, FleetRun, names_of, robots_of, short
+from armadico.agents.fleet.run import HEAR_S, FleetRun, names_of, robots_of
 from armadico.config.discovery import agent_class
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Message
@@ -97,7 +97,7 @@ class LocalFleet(FleetRun):
                 name,
                 joining=self._joining,
                 tied=True,
-                logs=self.table.logs / short(name),
+                logs=self.table.logs,
             )
             launcher.report_to(self._warn)
             self._launchers[name] = launcher

@@ -45,6 +45,12 @@ class Budget:
     restarts: int = 5
     within_s: float = 30.0
 
+    def left(self, spent: deque[float], now: float) -> int:
+        """How many are left, by when the others were; those that count no more are dropped."""
+        while spent and spent[0] <= now - self.within_s:
+            spent.popleft()
+        return self.restarts - len(spent)
+
 
 class Supervision:
     """Keeps the budget, and the times at which those who ended are due again."""

@@ -74,12 +74,18 @@ class Launcher(LiveRun):
             idle_s: When unclaimed wheels do.
             joining: As in `ProcessTable`, and so are `tied` and `logs`.
             tied: The processes leave when this one is killed.
-            logs: The folder of the logs.
+            logs: The folder of the logs, shared with other robots; None: one of its own.
         """
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
-        folder = logs or logs_folder()
-        self.table = ProcessTable(namespace, joining, tied, options.journal, folder)
+        self.table = ProcessTable(
+            namespace,
+            joining,
+            tied,
+            options.journal,
+            logs or logs_folder(),
+            prefix="" if logs is None else f"{namespace.rpartition('/')[2]}-",
+        )
         self._namespace = namespace
         self.ended: set[Process] = set()
 

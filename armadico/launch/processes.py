@@ -88,6 +88,7 @@ class ProcessTable:
         tied: They are to leave when this process is killed, instead of driving on.
         journal: The agents publish what enters and leaves them.
         logs: The folder.
+        prefix: What the names of the logs begin with, where several societies share the folder.
         processes: In the order of their start; those that have ended stay until they are taken out.
     """
 
@@ -96,11 +97,12 @@ class ProcessTable:
     tied: bool = False
     journal: bool = False
     logs: Path = field(default_factory=logs_folder)
+    prefix: str = ""
     processes: list[Process] = field(default_factory=list)
 
     def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
         """Start `armadico WORDS...` on the mesh of the society."""
-        log = self.logs / f"{name}.log"
+        log = self.logs / f"{self.prefix}{name}.log"
         process = Process(name, [*words, *self.joining], log, listen=listen, tied=self.tied)
         self.processes.append(process)
         return process

@@ -82,16 +82,6 @@ def test_what_is_long_ago_is_forgotten() -> None:
     assert supervision.ended("goto", -9, begun + 30.0) is None
 
 
-def test_without_a_budget_the_first_end_is_the_last() -> None:
-    assert Supervision(Budget(0, 30.0)).ended("goto", 0, 0.0) is not None
-
-
-def test_who_was_called_wrongly_is_not_called_again() -> None:
-    why = Supervision().ended("goto", MISUSED, 0.0)
-    assert why is not None
-    assert "configured wrongly" in why
-
-
 @given(
     restarts=st.integers(0, 6),
     within=st.floats(0.5, 40.0),
@@ -163,21 +153,6 @@ def test_a_newcomer_that_somebody_is_in_the_way_of_is_for_people_to_mend() -> No
     assert supervision.ended("encoder", MISUSED, 10.0 + 0.9 * NEWCOMER_S) is not None
     supervision.began("sonar", 10.0)
     assert supervision.ended("sonar", MISUSED, 10.0 + NEWCOMER_S) is None
-
-
-def test_who_asks_is_told_why_there_is_no_restart_left() -> None:
-    supervision = Supervision(Budget(1, 30.0))
-    assert supervision.refusal(0.0) is None
-    restart(supervision, "goto", 0.0)
-    assert supervision.refusal(1.0) == "the budget of 1 restarts in 30 s is spent"
-    assert supervision.refusal(30.0) is None
-
-
-def test_a_newcomer_whom_another_host_has_replaced_waits_for_it_to_go() -> None:
-    supervision = Supervision()
-    assert supervision.ended("goto", MISUSED, 0.0, replaced=True) is None
-    assert supervision.kept_out("goto")
-    assert supervision.due(IN_THE_WAY_S[0]) == ["goto"]
 
 
 def test_who_is_let_go_of_is_not_due() -> None:

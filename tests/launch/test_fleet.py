@@ -82,10 +82,3 @@ def test_a_fleet_needs_tasks_and_robots_stand_beside_each_other() -> None:
     crowded = replace(FLEET, others=((1.6, 1.5, 0.0),))
     with pytest.raises(ConfigError, match=r"cannot start at 1\.\d, 1\.5"):
         FleetRehearsal(crowded, Options(), 2)
-
-
-def test_a_time_limit_ends_it() -> None:
-    result = run(SHORT, 1, 1, limit=5.0)
-    assert result.done < result.tasks
-    assert result.limit_s == 5.0
-    assert not result.passed

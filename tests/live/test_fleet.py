@@ -93,6 +93,7 @@ def test_two_robots_do_two_tasks_and_leave_nothing(run: Start, tmp_path: Path) -
     assert result["done"] == 2
     assert sorted(task for row in result["robots"] for task in row["tasks"]) == [0, 1]
     assert all_gone(everybody)
+    assert not [*tmp_path.glob("armadico-*")], "no logs of a run that ended well"
 
 
 @pytest.mark.parametrize("how", [SIGINT, SIGKILL])
@@ -113,6 +114,7 @@ def test_a_second_fleet_of_the_same_name_is_refused(run: Start, tmp_path: Path) 
     assert second.returncode == 1
     assert f"a fleet named '{FLEET}' is there already, with r1, r2: " in errors
     assert first.poll() is None
+    assert len([*tmp_path.glob("armadico-*")]) == 1, "the first one's logs"
 
 
 def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_by_ctrl_c(
