@@ -33,7 +33,7 @@ from armadico.agents.supervision.messages import (
 from armadico.core import agent
 from armadico.core.agent import DeviceAgent, Question
 from armadico.core.messages import LABEL, Card, Message, MonitorReport, line
-from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision, slower
+from armadico.core.restart_policy import MISUSED, Budget, slower
 
 CARD_S: Final = 0.5
 """What an agent may take to answer the query for its card, before it is queried again."""
@@ -65,6 +65,18 @@ HELD: Final = "it is held back: the machine cannot keep up"
 
 PATIENT: Final = 4
 """So many times as long may a start take on a machine that cannot keep up."""
+
+PAUSES_S: Final = (0.0, 0.1, 0.2, 0.5)
+"""How long a process waits for its next start, by how often it was started within the budget's
+window."""
+
+IN_THE_WAY_S: Final = (1.0, 2.0, 5.0)
+"""How long it waits if another one is in its way, by how often in a row; that is no fault of its
+own, and is not taken from the budget."""
+
+NEWCOMER_S: Final = 3.0
+"""A process that leaves so soon was a newcomer itself: started where another was already, or in the
+same instant. That is for people to mend."""
 
 HEARD_S: Final = 1.5
 """So long after it has begun the shares of all other hosts have come, s."""
@@ -147,6 +159,16 @@ class _Process:
     began_at: float | None = None  # when it was started, until it can be seen
     back_at: float = inf  # when its own host had what is lent again
     reported_at: float | None = None  # when a monitor that lives in it last did
+    due_at: float | None = None  # when it is started again
+    since: float | None = None  # it was first seen at work
+    in_the_way: int = 0  # how often in a row another one was
+    requested: bool = False  # killed on request, and not started again yet
+
+    def works(self, now: float) -> None:
+        """It is seen at work."""
+        self.began_at = None
+        self.since = now if self.since is None else self.since
+        self.in_the_way = 0
 
 
 @dataclass
@@ -185,7 +207,9 @@ class Wakeup(DeviceAgent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.gave_up = False
-        self.supervision = Supervision(Budget(self.p.restarts, self.p.within_s))
+        self.budget = Budget(self.p.restarts, self.p.within_s)
+        # All restarts that may count: when, which process, and whether it was requested.
+        self._restarts: deque[tuple[float, str, bool]] = deque()
         self._kept = {label: _Process(names) for label, names in self.p.processes.items()}
         # Those whose token is there, by instance: the name, and the card once it has come.
         self._there: dict[str, tuple[str, Card | None]] = {}
@@ -286,9 +310,8 @@ class Wakeup(DeviceAgent):
         for label, process in self._kept.items():
             starting = process.state is KeptState.STARTING and process.pid
             if starting and all((name, process.pid) in here for name in process.agents):
-                process.began_at = None
+                process.works(self.now)
                 self._became(label, KeptState.UP)
-                self.supervision.began(label, self.now)
         self._say_once()
 
     def _say_once(self) -> None:
@@ -323,7 +346,7 @@ class Wakeup(DeviceAgent):
         process.began_at = self.now if process.agents else None
         self._became(event.label, KeptState.STARTING if process.agents else KeptState.UP)
         if not process.agents:
-            self.supervision.began(event.label, self.now)
+            process.works(self.now)
         for instance, (name, _) in sorted(self._there.items()):
             self._ask(name, instance)
         self._greet()
@@ -348,11 +371,11 @@ class Wakeup(DeviceAgent):
             self._let_go(label, "somebody is in its way")
             return
         replaced = any(self._replaced(name) for name in process.agents)
-        why = self.supervision.ended(label, event.code, self.now, replaced=replaced)
-        if why is not None and process.lent:  # that is no reason to end what is this host's own
+        why = self._plan_restart(label, event.code, replaced=replaced)
+        if why and process.lent:  # that is no reason to end what is this host's own
             self._let_go(label, f"{label} ended with {event.ending}, {why}")
             return
-        if why is not None:
+        if why:
             self.gave_up = True
             self._order(
                 Do.GIVE_UP,
@@ -360,7 +383,7 @@ class Wakeup(DeviceAgent):
                 f" Its last words:\n{event.words}",
             )
             return
-        if self.supervision.kept_out(label):
+        if process.in_the_way:
             said = (
                 f"{label} left: somebody is in its way; the others go on, and it is tried again"
                 " now and then"
@@ -370,6 +393,56 @@ class Wakeup(DeviceAgent):
         self._order(Do.SAY, text=said)
         self._became(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
         self._say_once()
+
+    def _plan_restart(self, label: str, code: int, *, replaced: bool) -> str:
+        """Say when a process that ended with a code is started again; else why it is not.
+
+        `replaced`: another host has started one in its place, so that another one in its way is no
+        fault of people's, however soon it found that out.
+        """
+        process = self._kept[label]
+        worked = 0.0 if process.since is None else self.now - process.since
+        if code == MISUSED and not replaced and worked < NEWCOMER_S:
+            return "it says that it was configured wrongly or is in the way, and would say so again"
+        if code == MISUSED:
+            pause = IN_THE_WAY_S[min(process.in_the_way, len(IN_THE_WAY_S) - 1)]
+            process.in_the_way += 1
+        else:
+            process.in_the_way = 0
+            if not process.requested and (why := self._spent(requested=False)):
+                return why
+            often = sum(1 for _, who, _ in self._restarts if who == label)
+            pause = PAUSES_S[min(often, len(PAUSES_S) - 1)]
+        process.due_at = self.now + pause
+        return ""
+
+    def _spent(self, *, requested: bool = True) -> str:
+        """Why one more restart is not to be had now; empty if it is.
+
+        Restarts on request do not count towards those of processes that failed, because a request
+        must not be what ends a host. Requests are refused once both together have spent the budget.
+        """
+        while self._restarts and self._restarts[0][0] <= self.now - self.budget.within_s:
+            self._restarts.popleft()
+        planned = [p for p in self._kept.values() if p.due_at is not None and not p.in_the_way]
+        spent = [was for *_, was in self._restarts] + [p.requested for p in planned]
+        if len(spent) - (0 if requested else sum(spent)) < self.budget.restarts:
+            return ""
+        most, within = self.budget.restarts, self.budget.within_s
+        return f"the budget of {most} restarts in {within:g} s is spent"
+
+    def _restart_due(self, label: str, process: _Process) -> None:
+        process.due_at = None
+        if not process.in_the_way:
+            self._restarts.append((self.now, label, process.requested))
+        process.requested = False
+        if process.held:
+            return
+        if process.in_the_way and any(map(self._replaced, process.agents)):
+            self._plan_restart(label, MISUSED, replaced=True)  # it would find out the same
+            return
+        self._became(label, KeptState.STARTING)
+        self._order(Do.START, label)
 
     def _replaced(self, name: str) -> bool:
         """Whether another host has started an agent of this name in place of one that was gone."""
@@ -405,7 +478,7 @@ class Wakeup(DeviceAgent):
         if not found and request.agent not in self.p.can:
             able = ", ".join(self.p.can) or "nobody"
             return f"it cannot start {request.agent}; it could start {able}"
-        if refusal := self.supervision.refusal(self.now):
+        if refusal := self._spent():
             return refusal
         for label in found or [request.agent]:
             lent = not found
@@ -426,9 +499,9 @@ class Wakeup(DeviceAgent):
             meant = request.pid in (0, process.pid)
             if process.state is KeptState.ENDED or not (process.pid and meant):
                 continue  # another one is there by now, or is about to be
-            if refusal := self.supervision.refusal(self.now):
+            if refusal := self._spent():
                 return refusal
-            self.supervision.requested(label)
+            process.requested = True
             self._kill(label, _asked(request))
         return ""
 
@@ -450,9 +523,10 @@ class Wakeup(DeviceAgent):
 
     def _let_go(self, label: str, why: str) -> None:
         """It is not started again: what was lent is forgotten, what is its own said to be ended."""
-        self.supervision.let_go(label)
-        self._kept[label].held = False
-        if self._kept[label].lent:
+        process = self._kept[label]
+        process.due_at, process.since, process.in_the_way = None, None, 0
+        process.requested = process.held = False
+        if process.lent:
             del self._kept[label]
             self._order(Do.SAY, text=f"{label} is this host's no more: {why}")
             self._tell()
@@ -472,15 +546,9 @@ class Wakeup(DeviceAgent):
             early, self._early = self._early, []
             for event in early:
                 self._ended(event)
-        for label in self.supervision.due(self.now):
-            if self._kept[label].held:
-                continue
-            replaced = [name for name in self._kept[label].agents if self._replaced(name)]
-            if self.supervision.kept_out(label) and replaced:  # it would find out the same
-                self.supervision.ended(label, MISUSED, self.now, replaced=True)
-                continue
-            self._became(label, KeptState.STARTING)
-            self._order(Do.START, label)
+        for label, process in self._kept.items():
+            if process.due_at is not None and process.due_at <= self.now:
+                self._restart_due(label, process)
         self._kill_who_hangs()
         if self.now >= self._share_at:
             self._tell()
@@ -542,9 +610,9 @@ class Wakeup(DeviceAgent):
 
     def _look_again(self) -> None:
         """Be woken for the next start, or the next share; by then who hangs at start is seen."""
-        due = self.supervision.wakeup
+        due = [p.due_at for p in self._kept.values() if p.due_at is not None]
         early = [self._heard_at] if self._early else []
-        self._due_at = min([self._share_at, *early, *([] if due is None else [due])])
+        self._due_at = min([self._share_at, *early, *due])
         self.wake_at(self._due_at)
 
     def _became(self, label: str, state: KeptState, why: str = "") -> None:
