@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
-from armadico.agents.fleet.live_fleet import HEAR_S, LiveFleet, short
 from armadico.agents.fleet.messages import FleetClaims
-from armadico.agents.fleet.run import STEP_S, give, names_of, tasks_of
+from armadico.agents.fleet.run import HEAR_S, FleetRun, give, names_of, short, tasks_of
 from armadico.core.messages import Message, RobotState
 from armadico.launch.attached import COME_S, SAY_S, STOP_S
 from armadico.launch.processes import undisturbed
@@ -27,7 +26,7 @@ BY: Final = "armadico run"
 """Who stops the robots, for people."""
 
 
-class AttachedFleet(LiveFleet):
+class AttachedFleet(FleetRun):
     """Watches societies that are up. Unless all tasks are done, it leaves their robots stopped."""
 
     come_s: float = COME_S
@@ -39,33 +38,30 @@ class AttachedFleet(LiveFleet):
         robots: int | None,
         fleet: str,
         join: Callable[[str], Mesh],
-        warn: Callable[[str], None] = lambda _: None,
         *,
         scouts: Callable[[], Iterable[Mesh]] = tuple,
         replace: bool = False,
     ) -> None:
-        """Prepare, as in `LiveFleet`.
+        """Prepare.
 
         Args:
             scenario: The tasks, and the world that the robots have a map of.
             options: What else was chosen.
             robots: So many are waited for; None: one.
-            fleet: Its name.
-            join: Joins the mesh in a namespace.
-            warn: Told who is gone and what goes wrong.
+            fleet: Its name: the robots' namespaces are in it.
+            join: Joins the mesh in a namespace; what it gives is closed at the end.
             scouts: Gives an open mesh for each further way to a router of the fleet, whenever there
                 is a new one: each passes on what all robots share.
             replace: Give the list also instead of one that the fleet works on.
         """
-        super().__init__(scenario, options, fleet, join, warn)
+        super().__init__(scenario, options, fleet)
         self._wanted, self._replace = robots or 1, replace
         self._heard: dict[str, float] = {}  # when each robot's fleet agent last said its claims
         self._silent: set[str] = set()
         self._notes: dict[str, str] = {}  # why a robot does nothing, as it was said
+        self._meshes, self._join, self._more = ExitStack(), join, scouts
         # What robots share lies beside their namespaces: any of the fleet's will do.
-        self._scout = Client(self._joined(names_of(fleet, 1)[0]))
-        self._scout.listen(FleetClaims, then=self._hear)
-        self._scouts, self._more = [self._scout], scouts
+        self._scouts = [self._guest(join(names_of(fleet, 1)[0]))]
 
     def __exit__(
         self,
@@ -77,7 +73,7 @@ class AttachedFleet(LiveFleet):
         with undisturbed():
             if self.watch.began is not None and not self.watch.over:
                 self._stop()
-            super().__exit__(kind, error, trace)
+            self._meshes.close()
 
     # Starting ------------------------------------------------------------------------------------
 
@@ -94,12 +90,12 @@ class AttachedFleet(LiveFleet):
         """Find them, and wait until one can take a task. Raises RunFailedError if none can."""
         if not self.names:
             self.find()
-        soon, end = self._now() + HEAR_S, self._now() + self.come_s
-        while not self._all_told() and self._now() < soon:
-            self.wait(self._all_told)
-        while not (able := self._able()) and self._now() < end and not self._all_stopped():
+        soon, end = self.now() + HEAR_S, self.now() + self.come_s
+        while not self._all_told() and self.now() < soon:
+            self.wait_until(self._all_told, self.step_s)
+        while not (able := self._able()) and self.now() < end and not self._all_stopped():
             self._say_notes()
-            self.wait(lambda: bool(self._able()))
+            self.wait_until(lambda: bool(self._able()), self.step_s)
             self._meet()
         self._say_notes()
         if not able:
@@ -109,46 +105,50 @@ class AttachedFleet(LiveFleet):
             )
 
     def hand_over(self) -> int:
-        """See `LiveFleet`: the first of those that can take a task is asked, then the next."""
+        """See `FleetRun`: the first of those that can take a task is asked, then the next."""
         tasks = tasks_of(self.scenario)
         *others, last = self._able()
         try:
             for name in others:
                 try:
-                    return give(self._client(name), tasks, replace=self._replace)
+                    return give(self.clients[name], tasks, replace=self._replace)
                 except AbsentError as error:
                     self._warn(str(error))
-            return give(self._client(last), tasks, replace=self._replace)
+            return give(self.clients[last], tasks, replace=self._replace)
         except MissionRefusedError as error:
             raise MissionRefusedError(f"{error.reason}; --replace gives it instead") from None
 
     # While it goes on ----------------------------------------------------------------------------
 
-    def look(self) -> None:
+    def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
         self._meet()
         self._say_notes()
         for name in self.names:
             told = short(name) in self.watch.status
-            silent = told and self.watch.silent(short(name), self._now())
+            silent = told and self.watch.silent(short(name), self.now())
             if silent and name not in self._silent:
                 self._silent.add(name)
                 self._warn(f"{name}: its fleet agent is silent: its tasks are the others' now")
             elif not silent and name in self._silent:
                 self._silent.remove(name)
                 self._warn(f"{name}: its fleet agent is back")
-        if self._now() - max(self._heard.values()) > SILENT_S:
+        if self.now() - max(self._heard.values()) > SILENT_S:
             raise RunFailedError(
                 f"nobody of the fleet {self.fleet!r} has said anything for {SILENT_S:g} s;"
                 f" `armadico ps --namespace {self.names[0]}` shows who is there"
             )
+        return True
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _now(self) -> float:
-        return self._scout.mesh.now()
+    def now(self) -> float:
+        return self._scouts[0].mesh.now()
 
-    def _client(self, name: str) -> Client:
-        return self.clients[self.names.index(name)]
+    def _guest(self, mesh: Mesh) -> Client:
+        """A guest that receives what all robots share."""
+        client = Client(self._meshes.enter_context(closing(mesh)))
+        client.listen(FleetClaims, then=self._hear)
+        return client
 
     def _hear(self, said: Message, now: float) -> None:
         if isinstance(said, FleetClaims):
@@ -158,14 +158,11 @@ class AttachedFleet(LiveFleet):
 
     def _seek(self, over: Callable[[], bool], seconds: float) -> bool:
         """Look for robots by every way, until something is so; whether it is."""
-        end = self._now() + seconds
-        while not over() and self._now() < end:
-            for mesh in self._more():
-                self._stack.callback(mesh.close)
-                self._scouts.append(Client(mesh))
-                self._scouts[-1].listen(FleetClaims, then=self._hear)
+        end = self.now() + seconds
+        while not over() and self.now() < end:
+            self._scouts += map(self._guest, self._more())
             for scout in self._scouts:
-                scout.wait_for(over, STEP_S / len(self._scouts))
+                scout.wait_for(over, self.step_s / len(self._scouts))
         return over()
 
     def _enough(self) -> bool:
@@ -173,18 +170,15 @@ class AttachedFleet(LiveFleet):
 
     def _meet(self) -> None:
         """Watch whoever has been heard of for the first time."""
-        for each in (*self._scouts, *self.clients):
+        for each in (*self._scouts, *self.clients.values()):
             each.latest(FleetClaims)  # hands on what has come
         for robot in sorted(self._heard):
             name = f"{self.fleet}/{robot}"
-            if name in self.names:
+            if name in self.clients:
                 continue
-            client = Client(self._joined(name))
+            client = self._guest(self._join(name))
             client.listen(RobotState)  # which whoever stops it goes by
-            client.listen(FleetClaims, then=self._hear)
-            self._listen(name, client)
-            self.names.append(name)
-            self.clients.append(client)
+            self.meet(name, client)
             if self.watch.began is not None:
                 self._warn(f"{name}: has come")
 
@@ -209,7 +203,7 @@ class AttachedFleet(LiveFleet):
         return all(short(name) in self.watch.status for name in self.names)
 
     def _all_stopped(self) -> bool:
-        states = [client.latest(RobotState) for client in self.clients]
+        states = [client.latest(RobotState) for client in self.clients.values()]
         return all(state is not None and state.stop.stopped for state in states)
 
     def _say_notes(self) -> None:
@@ -221,11 +215,11 @@ class AttachedFleet(LiveFleet):
 
     def _stop(self) -> None:
         """All are told before one is waited for: none drives on until another's wheels rest."""
-        for client in self.clients:
+        for client in self.clients.values():
             with suppress(SocietyError, MeshError):
                 client.stop(PRESS_S, by=BY)
         stopped = []
-        for name, client in zip(self.names, self.clients, strict=True):
+        for name, client in self.clients.items():
             try:
                 client.stop(STOP_S, by=BY)
             except (SocietyError, MeshError) as failure:

@@ -121,12 +121,13 @@ def _live(
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
     page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
     try:
-        run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args), joining, options.say)
-        with page, _recorder(args, scenario, run.names), run:
+        run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args), joining)
+        with page, _recorder(args, scenario, robots), run:
             options.say(
-                f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
+                f"{scenario.name}: starting {len(robots)} robots: {', '.join(robots)}; until it"
+                f" ends well, logs are in {run.table.logs}"
             )
-            result = run.run(progress)
+            result = run.run(progress, options.say)
             if args.page:
                 options.say(PAGE_ENDS)
             return result
@@ -149,10 +150,11 @@ def _attached(
 
     options.end_as_by_ctrl_c()
     run = AttachedFleet(
-        *(scenario, chosen, args.robots, fleet_of(args), _joiner(args), options.say),
+        *(scenario, chosen, args.robots, fleet_of(args), _joiner(args)),
         scouts=_scouts(args),
         replace=args.replace,
     )
+    run.report_to(options.say)
     with run:
         run.find()
         options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")

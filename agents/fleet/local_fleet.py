@@ -6,29 +6,19 @@ of their robots. Whatever happens, everything is taken down again.
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from armadico.agents.fleet.live_fleet import HEAR_S, LiveFleet
 from armadico.agents.fleet.messages import FleetClaims
-from armadico.agents.fleet.run import names_of, robots_of
+from armadico.agents.fleet.run import HEAR_S, FleetRun, names_of, robots_of
 from armadico.config.discovery import agent_class
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Message
 from armadico.launch.local import Launcher
-from armadico.launch.processes import (
-    SIMULATOR,
-    Process,
-    StartError,
-    end,
-    simulator_words,
-    undisturbed,
-)
+from armadico.launch.processes import ProcessTable, undisturbed
 from armadico.launch.society import Options, names
 from armadico.runtime.client import Client
 from armadico.runtime.errors import RunFailedError
@@ -37,7 +27,7 @@ if TYPE_CHECKING:
     from armadico.mesh.base import Mesh
 
 
-class LocalFleet(LiveFleet):
+class LocalFleet(FleetRun):
     """The processes of one run; a context manager that leaves nothing running."""
 
     def __init__(
@@ -48,28 +38,29 @@ class LocalFleet(LiveFleet):
         fleet: str,
         join: Callable[[str], Mesh],
         joining: Sequence[str] = (),
-        warn: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Prepare.
 
         Args:
-            scenario: As in `LiveFleet`, and so are `options`, `fleet`, `join` and `warn`.
+            scenario: The world and the tasks.
             options: What else was chosen.
             robots: How many; None: all that there is a start for.
-            fleet: Its name.
-            join: Joins the mesh in a namespace.
+            fleet: Its name: the robots' namespaces are in it.
+            join: Joins the mesh in a namespace; what it gives is closed at the end.
             joining: Options by which the processes find the mesh.
-            warn: Told who is gone and what goes wrong.
         """
-        super().__init__(scenario, options, fleet, join, warn)
-        self._ones = robots_of(scenario, robots)
-        self.names = names_of(fleet, len(self._ones))
-        self.launchers: list[Launcher] = []
-        self.simulator: Process | None = None
-        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
-        self._joining = tuple(joining)
-        self._strangers: set[str] = set()
+        super().__init__(scenario, options, fleet)
+        ones = robots_of(scenario, robots)
+        self.table = ProcessTable(names_of(fleet, 1)[0], joining, tied=True)
+        self._ones = dict(zip(names_of(fleet, len(ones)), ones, strict=True))
+        self._launchers: dict[str, Launcher] = {}
         self._lost: set[str] = set()  # robots that are gone
+        self._join, self._joining = join, joining
+        self._meshes = ExitStack()
+
+    @property
+    def names(self) -> list[str]:
+        return list(self._ones)
 
     def __exit__(
         self,
@@ -77,43 +68,62 @@ class LocalFleet(LiveFleet):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take everything down, the simulator last; the logs stay if something went wrong."""
+        """Take everything down, the simulator last; the logs stay as those of one robot do."""
+        well = isinstance(error, KeyboardInterrupt)
+        well |= error is None and self.watch.result().passed
+        began = bool(self.table.processes)
         with undisturbed():
-            for launcher in self.launchers:
-                launcher.__exit__(kind, error, trace)
-            if self.simulator is not None:
-                end(self.simulator.popen)
-            super().__exit__(kind, error, trace)
-        if error is None:
-            shutil.rmtree(self.logs, ignore_errors=True)
+            for launcher in self._launchers.values():
+                launcher.stop()
+            self.table.end()
+            self._meshes.close()
+        if not began or (well and not any(each.ended for each in self._launchers.values())):
+            self.table.remove_logs()
 
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Start everything. Raises RunFailedError if others are there, or one does not start."""
-        meshes = [self._joined(name) for name in self.names]
-        first = Client(meshes[0])
-        first.listen(FleetClaims, then=self._hear)
-        first.wait_for(lambda: False, HEAR_S)  # all of it: each of them is to be named
-        if self._strangers:
-            there = sorted(self._strangers)
-            raise RunFailedError(
-                f"a fleet named {self.fleet!r} is there already, with {', '.join(there)}: another"
-                " --namespace names another fleet; Ctrl-C ends that one where it was started,"
-                f" `armadico down --namespace {self.fleet}/{there[0]}` what keeps a robot of it up"
+        meshes = [self._meshes.enter_context(closing(self._join(name))) for name in self.names]
+        self._refuse_company(Client(meshes[0]))
+        also, seed = self.names[1:], self.options.seed
+        ports = self.table.start_simulator(self.scenario, seed, also=also).announced()
+        for (name, one), port, mesh in zip(self._ones.items(), ports, meshes, strict=True):
+            together = self.options.together or _together(one, self.options)
+            launcher = Launcher(
+                one,
+                replace(self.options, namespace=name, robot=port, together=together),
+                mesh,
+                name,
+                joining=self._joining,
+                tied=True,
+                logs=self.table.logs,
             )
-        ports = self._start_simulator()
-        for name, one, port, mesh in zip(self.names, self._ones, ports, meshes, strict=True):
-            chosen = replace(self.options, namespace=name, robot=port, together=self._together(one))
-            launcher = Launcher(one, chosen, mesh, name, joining=self._joining, tied=True)
-            launcher.tell(self._warn)
-            self.launchers.append(launcher)
+            launcher.report_to(self._warn)
+            self._launchers[name] = launcher
             launcher.start()
-            self._listen(name, launcher.client)
-            self.clients.append(launcher.client)
+            self.meet(name, launcher.client)
 
-    def look(self) -> None:
-        for name, launcher in zip(self.names, self.launchers, strict=True):
+    def _refuse_company(self, client: Client) -> None:
+        there: set[str] = set()
+
+        def add(claims: Message, _now: float) -> None:
+            if isinstance(claims, FleetClaims):
+                there.add(claims.robot)
+
+        client.listen(FleetClaims, then=add)
+        client.wait_for(lambda: False, HEAR_S)  # all of it: each of them is to be named
+        if there:
+            robots = sorted(there)
+            raise RunFailedError(
+                f"a fleet named {self.fleet!r} is there already, with {', '.join(robots)}: another"
+                " --namespace names another fleet; Ctrl-C ends that one where it was started,"
+                f" `armadico down --namespace {self.fleet}/{robots[0]}` what keeps a robot of it up"
+            )
+
+    def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
+        """A robot that is gone is no reason to end: the others have its tasks."""
+        for name, launcher in self._launchers.items():
             if name in self._lost:
                 continue
             try:
@@ -123,36 +133,15 @@ class LocalFleet(LiveFleet):
                 self._warn(f"{name}: {error}")
                 if len(self._lost) == len(self.names):
                     raise
+        return True
 
-    # Inside --------------------------------------------------------------------------------------
 
-    def _hear(self, said: Message, _now: float) -> None:
-        """Before anybody is started: who speaks then is another fleet's."""
-        if isinstance(said, FleetClaims) and not self.launchers:
-            self._strangers.add(said.robot)
+def _together(one: Scenario, options: Options) -> tuple[tuple[str, ...], ...]:
+    """Who shares a process: whoever answers people apart from who drives.
 
-    def _start_simulator(self) -> list[str]:
-        words = simulator_words(
-            self.scenario, self.options.seed, self.names[0], also=self.names[1:]
-        )
-        log = self.logs / f"{SIMULATOR}.log"
-        command = [*words, *self._joining]
-        self.simulator = Process(SIMULATOR, command, log, listen=True, tied=True)
-        try:
-            ports = self.simulator.announced()
-        except StartError as error:
-            raise RunFailedError(str(error)) from None
-        assert len(ports) == len(self.names), "one for each robot"
-        return ports
-
-    def _together(self, one: Scenario) -> tuple[tuple[str, ...], ...]:
-        """Who shares a process: as asked for, or whoever answers people apart from who drives.
-
-        Some thirty processes for three robots take a minute to start on a small machine.
-        """
-        if self.options.together:
-            return self.options.together
-        _, *others = names(one, self.options.without)
-        asked = tuple(name for name in others if agent_class(name).answers)
-        drives = tuple(name for name in others if name not in asked)
-        return tuple(group for group in (asked, drives) if len(group) > 1)
+    Some thirty processes for three robots take a minute to start on a small machine.
+    """
+    _, *others = names(one, options.without)
+    asked = tuple(name for name in others if agent_class(name).answers)
+    drives = tuple(name for name in others if name not in asked)
+    return tuple(group for group in (asked, drives) if len(group) > 1)

@@ -1,7 +1,8 @@
 """A run of several robots: a society each, one world, and a list of tasks for all of them.
 
 It decides nothing: the list is given to one robot, which tells the others, and who does what they
-settle among themselves. `FleetRehearsal` is all of that on one virtual mesh.
+settle among themselves. `FleetRehearsal` is all of that on one virtual mesh; `local_fleet` has the
+robots as processes on this machine, `attached_fleet` those that others have started.
 """
 
 from __future__ import annotations
@@ -11,15 +12,16 @@ from dataclasses import replace
 
 from msgspec.structs import replace as replaced
 
-from armadico.agents.fleet.messages import FleetReply, FleetRequest, FleetTask
+from armadico.agents.fleet.messages import FleetClaims, FleetReply, FleetRequest, FleetTask
 from armadico.agents.fleet.view import FLEET_WATCHED, FleetResult, FleetWatch
 from armadico.config.errors import ConfigError
 from armadico.config.scenarios import Scenario, ScenarioPose
 from armadico.core.messages import Message
+from armadico.launch.run import Run
 from armadico.launch.society import Options
 from armadico.launch.virtual import SETTLE_S, Rehearsal
 from armadico.mesh.virtual import VirtualMesh
-from armadico.mobile.messages import Waypoint
+from armadico.mobile.messages import FleetPose, Waypoint
 from armadico.runtime.blame import blaming
 from armadico.runtime.client import Client
 from armadico.runtime.errors import AbsentError, MissionRefusedError
@@ -30,10 +32,14 @@ FLEET: str = "fleet1"
 TAKE_S = 10.0
 """What the list may take to be taken on."""
 
+HEAR_S = 1.5
+"""A live fleet is heard of within this: each robot speaks once a second."""
+
 SLOW_M_S = 0.1
 """No fleet is slower on its way than this: a robot's share of the tasks, from one to the next."""
 
-STEP_S = 0.5
+SHARED = (FleetClaims, FleetPose)
+"""Of what is watched, what all robots publish beside their namespaces."""
 
 
 def robots_of(scenario: Scenario, count: int | None) -> list[Scenario]:
@@ -65,6 +71,11 @@ def names_of(fleet: str, count: int) -> list[str]:
     return [f"{fleet}/r{k + 1}" for k in range(count)]
 
 
+def short(name: str) -> str:
+    """What the fleet calls the robot of a namespace."""
+    return name.rpartition("/")[2]
+
+
 def time_limit(scenario: Scenario, robots: int, options: Options) -> float:
     """Seconds that a run may take: as asked for, or what a very slow fleet would."""
     if options.limit is not None:
@@ -87,7 +98,68 @@ def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -
     return reply.list
 
 
-class FleetRehearsal:
+class FleetRun(Run[FleetWatch, FleetResult]):
+    """A run of several robots; what differs between societies is in its subclasses.
+
+    Attributes:
+        fleet: Its name: the robots' namespaces are in it.
+        clients: The guest in each robot's namespace, by that.
+    """
+
+    step_s = 0.5
+
+    def __init__(self, scenario: Scenario, options: Options, fleet: str) -> None:
+        super().__init__(scenario, options)
+        self.fleet = fleet
+        self.clients: dict[str, Client] = {}
+        self.watch = FleetWatch(scenario.name, (), len(scenario.tasks), options.seed)
+
+    @property
+    def names(self) -> list[str]:
+        """The namespaces of the robots that take part."""
+        return list(self.clients)
+
+    @property
+    def over(self) -> bool:
+        return self.watch.over
+
+    def now(self) -> float:
+        return next(iter(self.clients.values())).mesh.now()
+
+    def begin(self) -> float:
+        self.watch.begin(self.hand_over(), self.now())
+        self.limit = time_limit(self.scenario, len(self.clients), self.options)
+        return self.now()
+
+    def hand_over(self) -> int:
+        """Give the list to one of them; its id.
+
+        Raises MissionRefusedError, or AbsentError if nobody takes it.
+        """
+        return give(next(iter(self.clients.values())), tasks_of(self.scenario))
+
+    def wait(self, seconds: float) -> None:
+        self.wait_until(lambda: self.over, seconds)
+
+    def wait_until(self, condition: Callable[[], bool], seconds: float) -> None:
+        """Let each guest take what has come to it, until something is so."""
+        for client in self.clients.values():
+            client.wait_for(condition, seconds / len(self.clients))
+
+    def meet(self, name: str, client: Client) -> None:
+        """Watch what a robot publishes; what all robots share, from the robot itself."""
+        robot = short(name)
+        self.clients[name] = client
+        self.watch.names += (robot,)
+
+        def show(message: Message, now: float) -> None:
+            if not isinstance(message, SHARED) or message.robot == robot:
+                self.watch.show(robot, message, now)
+
+        client.listen(*FLEET_WATCHED, then=show)
+
+
+class FleetRehearsal(FleetRun):
     """Several societies on one virtual mesh, their robots in one world."""
 
     def __init__(
@@ -99,51 +171,57 @@ class FleetRehearsal:
         mesh: VirtualMesh | None = None,
     ) -> None:
         """Everybody starts. Raises ConfigError for robots that cannot be."""
+        super().__init__(scenario, options, fleet)
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
-        self.scenario, self.options = scenario, options
         ones = robots_of(scenario, robots)
-        self.names = names_of(fleet, len(ones))
         self.robots: dict[str, Rehearsal] = {}
-        tasks = tasks_of(scenario)
-        short = tuple(name.rpartition("/")[2] for name in self.names)
-        self.watch = FleetWatch(scenario.name, short, len(tasks), options.seed)
-        for name, one in zip(self.names, ones, strict=True):
-            chosen = replace(options, namespace=name)
-            self.robots[name] = Rehearsal(one, chosen, mesh=self.mesh)
-            self.mesh.watch(self._shower(name), *FLEET_WATCHED, namespace=name)
+        for name, one in zip(names_of(fleet, len(ones)), ones, strict=True):
+            self.robots[name] = Rehearsal(one, replace(options, namespace=name), mesh=self.mesh)
+            self.meet(name, self.robots[name].client)
         first, *others = (rehearsal.robot for rehearsal in self.robots.values())
         try:
             first.meet(*others)
         except ValueError as error:
             raise ConfigError(f"{scenario.name}: {error}") from None
 
+    def report_to(self, warn: Callable[[str], None]) -> None:
+        for rehearsal in self.robots.values():
+            rehearsal.report_to(warn)
+
+    def start(self) -> None:
+        self.mesh.run(self.mesh.now + SETTLE_S)
+
+    def begin(self) -> float:
+        began = self.mesh.now  # before the list is handed over: the tables in docs count from here
+        super().begin()
+        self.watch.began = began
+        return began
+
     def run(
         self,
         progress: Callable[[FleetWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
-        stop: Callable[[], bool] | None = None,
     ) -> FleetResult:
-        """Drive until all tasks are done, or time is up, or `stop` says so.
-
-        Raises AgentFailedError if an agent's own code raises.
-        """
-        for rehearsal in self.robots.values():
-            rehearsal.tell(warn or (lambda _: None))
+        """See `Run`. Raises AgentFailedError if an agent's own code raises."""
         with blaming():
-            self.mesh.run(self.mesh.now + SETTLE_S)
-            first = self.robots[self.names[0]]
-            began = self.mesh.now
-            self.watch.begin(give(first.client, tasks_of(self.scenario)), began)
-            limit = time_limit(self.scenario, len(self.names), self.options)
-            while not self.watch.over and self.mesh.now < began + limit:
-                self.mesh.run(min(self.mesh.now + STEP_S, began + limit), lambda: self.watch.over)
-                if progress is not None:
-                    progress(self.watch)
-                if stop is not None and stop():
-                    break
-            else:
-                self.watch.limit = limit
-        return self.watch.result()
+            return super().run(progress, warn)
+
+    def wait_until(self, condition: Callable[[], bool], seconds: float) -> None:
+        self.mesh.run(self.mesh.now + seconds, condition)
+
+    def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
+        return True
+
+    def meet(self, name: str, client: Client) -> None:
+        """See `FleetRun`. At the moment of publication: it has been nowhere on the way."""
+        robot = short(name)
+        self.clients[name] = client
+        self.watch.names += (robot,)
+        self.mesh.watch(
+            lambda _, message, now: self.watch.show(robot, message, now),
+            *FLEET_WATCHED,
+            namespace=name,
+        )
 
     def alive(self, name: str) -> bool:
         """Whether anybody of a robot's society is."""
@@ -154,7 +232,3 @@ class FleetRehearsal:
         for node in self.mesh.nodes:
             if node.namespace == name and node.alive:
                 node.kill()
-
-    def _shower(self, namespace: str) -> Callable[[str, Message, float], None]:
-        robot = namespace.rpartition("/")[2]
-        return lambda _key, message, now: self.watch.show(robot, message, now)

@@ -105,6 +105,10 @@ class FleetWatch:
         """The list is taken on."""
         self.list, self.began = list_id, now
 
+    def end(self, limit: float) -> None:
+        """The time that it may take (s) is over."""
+        self.limit = limit
+
     def show(self, robot: str, message: Message, now: float) -> None:
         """Take one message that a robot's agents or simulator published."""
         self.now = now

@@ -107,7 +107,8 @@ def parser() -> argparse.ArgumentParser:
 
 def _end(share: Share) -> None:
     """Raises FailedError if it may not be ended, or does not end."""
-    from armadico.launch.pidfile import PidFile, is_held  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import PidFile  # noqa: PLC0415 - not for --help
+    from armadico.mesh.sockets import is_held  # noqa: PLC0415
 
     path = PidFile(share.namespace, share.host).path
     try:

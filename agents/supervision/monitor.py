@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from typing import Annotated, Any, ClassVar, Final
 
@@ -49,7 +49,7 @@ from armadico.core.messages import (
     RobotState,
     line,
 )
-from armadico.core.restart_policy import slower
+from armadico.core.restart_policy import Budget, slower
 from armadico.core.services import Kind, matches, service_of, services
 from armadico.mobile.messages import Trajectory
 from armadico.mobile.obstacles import Obstacles
@@ -138,6 +138,43 @@ class _Habit:
     pause: float = 0.0  # the longest silence that a working instance ended by itself
 
 
+@dataclass
+class _Asked:
+    """What was asked of hosts, when, and what came of it."""
+
+    at: dict[tuple[WakeupOrder, str, int], float] = field(default_factory=dict)
+    refused: dict[tuple[str, str], tuple[float, str]] = field(default_factory=dict)  # until, why
+    restarted: dict[str, tuple[int, float]] = field(default_factory=dict)  # on end, and last when
+    spent: dict[str, deque[float]] = field(default_factory=dict)  # by host, restarts
+
+    def may(
+        self, p: Parameters, order: WakeupOrder, name: str, host: str, pid: int, now: float
+    ) -> bool:
+        """Whether it was not asked lately; it is now."""
+        self.at = {key: at for key, at in self.at.items() if now - at < p.again_s}
+        if (order, name, pid) in self.at:
+            return False
+        self.at[order, name, pid] = now
+        if order is WakeupOrder.RESTART:
+            self.restarted[name] = self.often(name, now) + 1, now
+            self.spent[host].append(now)
+        return True
+
+    def affords(self, p: Parameters, host: str, now: float) -> bool:
+        """Whether a host's budget has one more restart."""
+        spent = self.spent.setdefault(host, deque())
+        return Budget(p.restarts, p.within_s).left(spent, now) > 0
+
+    def often(self, name: str, now: float) -> int:
+        """How often an agent was restarted, each time soon after the time before."""
+        often, at = self.restarted.get(name, (0, -inf))
+        return often if now - at < PATIENT_S else 0
+
+    def has_refused(self, share: HostShare, name: str, now: float) -> bool:
+        """Whether a host has refused an agent, and is not to be asked for it again yet."""
+        return now < self.refused.get((share.host, name), (-inf, ""))[0]
+
+
 _Process = tuple[str, str, int]
 """An agent of a host's process: the wakeup agent's instance, the agent's name, and the pid."""
 
@@ -165,10 +202,7 @@ class Monitor(Agent):
         self._resumed_at = 0.0  # when the robot's cycles came after a time without any
         self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
         self._lacking: dict[str, float] = {}  # who is needed and not well, since when
-        self._asked_at: dict[tuple[WakeupOrder, str, int], float] = {}
-        self._refused: dict[tuple[str, str], tuple[float, str]] = {}  # by host and agent
-        self._restarted: dict[str, tuple[int, float]] = {}  # how often on end, and when last
-        self._spent: dict[str, deque[float]] = {}  # when a restart was requested, by host
+        self._orders = _Asked()
         self._slow: dict[str, float] = {}  # hosts with most processes silent, since when
         self._stopped_for: set[str] = set()
         self._look_at = self._report_at = 0.0
@@ -457,13 +491,8 @@ class Monitor(Agent):
     def _late_s(self, known: _Known) -> float:
         """How late an agent may be."""
         host = "" if known.card is None else known.card.host
-        doubled = 2 ** min(self._often(known.name), PATIENT)
+        doubled = 2 ** min(self._orders.often(known.name, self.now), PATIENT)
         return float(self.p.late_s * doubled * self._patience(host))
-
-    def _often(self, name: str) -> int:
-        """How often an agent was restarted, each time soon after the time before."""
-        often, at = self._restarted.get(name, (0, -inf))
-        return often if self.now - at < PATIENT_S else 0
 
     def _miss(self, unwell: Container[str]) -> None:
         """Note who is needed, and not there or not well."""
@@ -483,21 +512,16 @@ class Monitor(Agent):
             return  # nobody looks after it
         keeper, name, pid = process
         share, _ = self._shares[keeper]
-        if not self._has_refused(share, name) and self._affords(share.host):
+        if self._orders.has_refused(share, name, self.now):
+            return
+        if self._orders.affords(self.p, share.host, self.now):
             self._request(WakeupOrder.RESTART, name, share, why, pid)
-
-    def _affords(self, host: str) -> bool:
-        """Whether a host's budget has one more restart."""
-        spent = self._spent.setdefault(host, deque())
-        while spent and self.now - spent[0] >= self.p.within_s:
-            spent.popleft()
-        if len(spent) < self.p.restarts:
-            return True
-        note = f"{host}: its {self.p.restarts} restarts in {self.p.within_s:g} s are spent"
+            return
+        p = self.p
+        note = f"{share.host}: its {p.restarts} restarts in {p.within_s:g} s are spent"
         if note != self._note:
             self._note = note
             self.log(note, WARNING)
-        return False
 
     def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
         """Have somebody who is needed started where it can be, if nobody looks after it."""
@@ -508,14 +532,16 @@ class Monitor(Agent):
             name in kept.agents and kept.state is not KeptState.ENDED
             for share in hosts
             for kept in share.kept
-            if not self._has_refused(share, name)
+            if not self._orders.has_refused(share, name, self.now)
         )
         if kept and missed_s < self.p.trust_s:
             return
         able = [
             share
             for share in hosts
-            if name in share.can and share.host not in busy and not self._has_refused(share, name)
+            if name in share.can
+            and share.host not in busy
+            and not self._orders.has_refused(share, name, self.now)
         ]
         if able:
             idle = min(able, key=lambda share: (_load(share.kept), share.host))
@@ -523,31 +549,20 @@ class Monitor(Agent):
             busy.add(idle.host)
             self._request(WakeupOrder.START, name, idle, why)
 
-    def _has_refused(self, share: HostShare, name: str) -> bool:
-        at, _ = self._refused.get((share.host, name), (-inf, ""))
-        return self.now - at < self.p.refused_s
-
     def _request(
         self, order: WakeupOrder, name: str, share: HostShare, why: str, pid: int = 0
     ) -> None:
-        asked = (order, name, pid)
-        if self.now - self._asked_at.get(asked, -inf) < self.p.again_s:
+        if not self._orders.may(self.p, order, name, share.host, pid, self.now):
             return
-        self._asked_at = {
-            key: at for key, at in self._asked_at.items() if self.now - at < self.p.again_s
-        }
-        self._asked_at[asked] = self.now
         if order is WakeupOrder.RESTART:
             self._floor = self.now
-            self._restarted[name] = self._often(name) + 1, self.now
-            self._spent[share.host].append(self.now)
         self._note = line(f"{share.host} is asked to {order} {name}: {why}")
         self.log(self._note, WARNING)
 
         def answered(reply: WakeupReply | None) -> None:
             refusal = f"{share.host} does not answer" if reply is None else reply.refusal
             if refusal:
-                self._refused[share.host, name] = (self.now, refusal)
+                self._orders.refused[share.host, name] = (self.now + self.p.refused_s, refusal)
                 self._note = line(refusal)
                 self.log(self._note, WARNING)
 
@@ -584,7 +599,7 @@ class Monitor(Agent):
             for kept in share.kept:
                 if name in kept.agents and kept.why:
                     return f"{share.host}: {kept.why}"
-        told = [why for (_, who), (_, why) in self._refused.items() if who == name]
+        told = [why for (_, who), (_, why) in self._orders.refused.items() if who == name]
         return told[-1] if told else "" if self._hosts() else "no host can be asked"
 
     # Telling -------------------------------------------------------------------------------------

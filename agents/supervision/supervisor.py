@@ -10,10 +10,9 @@ from __future__ import annotations
 import queue
 import re
 import shutil
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,19 +33,12 @@ from armadico.agents.supervision.wakeup import (
 from armadico.config.discovery import agent_class, owners
 from armadico.core.resources import WHEELS
 from armadico.core.restart_policy import Budget
-from armadico.launch.processes import (
-    LEAVE_S,
-    SIMULATOR,
-    Process,
-    StartError,
-    agent_words,
-    end_in_order,
-    ending,
-    simulator_words,
-)
+from armadico.launch.processes import SIMULATOR, Process, ProcessTable, ending
 from armadico.launch.society import Member, processes
 from armadico.observe.journals import head
+from armadico.runtime.errors import RunFailedError
 from armadico.runtime.process import AgentHost, identity
+from armadico.runtime.programs import LEAVE_S
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -65,7 +57,7 @@ _LINE = re.compile(r"^\d\d:\d\d:\d\d\.\d{3} \S+ (?P<level>[A-Z]+) ")
 _LOUD = ("WARNING", "ERROR", "CRITICAL")
 
 
-class GaveUpError(RuntimeError):
+class GaveUpError(RunFailedError):
     """A process ended, and starting it again has no use; the message says which, why, and more."""
 
 
@@ -168,8 +160,7 @@ class Upkeep:
     ) -> None:
         """`say` is told what goes wrong, a line at a time."""
         self.plan = plan
-        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
-        self.processes: dict[str, Process] = {}
+        self.table = ProcessTable(plan.namespace, plan.joining, tied=True, journal=plan.journal)
         self.machine = Machine()
         self._say = say
         self._groups = processes(plan.members, plan.together)
@@ -207,13 +198,13 @@ class Upkeep:
         if self._thread.is_alive():
             self._agents.request_stop()
             self._thread.join(LEAVE_S)
-        end_in_order(list(self.processes.values()))
+        self.table.end()
         self._relay()
         if self._well and (kind is None or issubclass(kind, KeyboardInterrupt)):
-            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
+            self.table.remove_logs()
 
     def start(self) -> None:
-        """Start everything. Raises GaveUpError if the simulator does not come up."""
+        """Start everything. Raises RunFailedError if the simulator does not come up."""
         self._thread.start()
         if self.plan.simulated is not None:
             self._start(SIMULATOR)
@@ -257,7 +248,7 @@ class Upkeep:
             return None
 
     def _obey(self, order: Order) -> None:
-        process = self.processes.get(order.label)
+        process = self.table.named(order.label)
         match order.do:
             case Do.START if process is None:
                 try:
@@ -280,12 +271,10 @@ class Upkeep:
 
     def _start(self, label: str) -> None:
         if label == SIMULATOR:
-            process = self._simulator()
+            process = self._start_simulator()
         else:
-            words = agent_words(
-                self._members(label), self.plan.namespace, journal=self.plan.journal
-            )
-            process = self._run(label, words)
+            process = self.table.start_agents(label, self._members(label))
+        self._tails.setdefault(label, Tail(label, process.log))
         self.machine.tell(Event(label, process.popen.pid))
 
     def _members(self, label: str) -> list[Member]:
@@ -297,44 +286,26 @@ class Upkeep:
             for member in self._groups.get(label) or self._lent[label]
         ]
 
-    def _simulator(self) -> Process:
+    def _start_simulator(self) -> Process:
+        """Start the simulator; later ones take the same port, where the robot agent finds them."""
         assert self.plan.simulated is not None, "there was one"
         port = 0 if self._port is None else int(self._port.rpartition(":")[2])
-        words = simulator_words(self.plan.simulated, self.plan.seed, self.plan.namespace, port)
-        process = self._run(SIMULATOR, words, listen=True)
-        if self._port is None:  # later ones take the same port, and the robot agent finds them
-            try:
-                self._port = process.announced()[0]
-            except StartError as error:
-                self._well = False
-                raise GaveUpError(str(error)) from None
-        return process
-
-    def _run(self, label: str, words: Sequence[str], *, listen: bool = False) -> Process:
-        log = self.logs / f"{label}.log"
-        process = Process(label, [*words, *self.plan.joining], log, listen=listen, tied=True)
-        self.processes[label] = process
-        self._tails.setdefault(label, Tail(label, log))
+        process = self.table.start_simulator(self.plan.simulated, self.plan.seed, port)
+        if self._port is None:
+            self._port = process.announced()[0]
         return process
 
     # Watching ------------------------------------------------------------------------------------
 
     def _mourn(self) -> None:
         """Tell the wakeup agent who has ended, and kill who should have."""
-        now = time.monotonic()
-        for label, process in list(self.processes.items()):
-            if not process.ended():
-                if now >= self._ending.get(label, now + 1.0):
-                    process.popen.kill()
-                continue
-            del self.processes[label]
-            asked = self._ending.pop(label, None) is not None
-            self._well = self._well and asked
-            if process.popen.stdout is not None:
-                process.popen.stdout.close()
-            code = process.popen.returncode
-            words = process.last_words()
-            self.machine.tell(Event(label, 0, ending(code), code, words))
+        for label, at in self._ending.items():
+            if time.monotonic() >= at and (process := self.table.named(label)) is not None:
+                process.popen.kill()
+        for process in self.table.take_ended():
+            label, code = process.name, process.popen.returncode
+            self._well &= self._ending.pop(label, None) is not None
+            self.machine.tell(Event(label, 0, ending(code), code, process.last_words()))
 
     def _weigh(self) -> None:
         """Tell the wakeup agent now and then how much this machine has to do."""

@@ -197,11 +197,12 @@ def _is_mission(name: str) -> bool:
 
 
 def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:
-    from armadico.agents.supervision.supervisor import GaveUpError, Upkeep  # noqa: PLC0415 - not for --help
+    from armadico.agents.supervision.supervisor import Upkeep  # noqa: PLC0415 - not for --help
     from armadico.config.discovery import owners  # noqa: PLC0415 - not for --help
     from armadico.core.resources import WHEELS  # noqa: PLC0415
     from armadico.core.restart_policy import Budget  # noqa: PLC0415
     from armadico.launch.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
+    from armadico.runtime.errors import RunFailedError  # noqa: PLC0415
 
     plan = _plan(args, where, scenario)
     # The local table without options: as agents without options, in the namespace's own mesh.
@@ -218,15 +219,18 @@ def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
             Upkeep(plan, mesh, _say, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)
-            pid_file.write(Share(os.getpid(), plan.host, args.namespace, running, str(upkeep.logs)))
-            _say(f"{plan.host}: starting {names}; logs are in {upkeep.logs}")
+            pid_file.write(
+                Share(os.getpid(), plan.host, args.namespace, running, str(upkeep.table.logs))
+            )
+            _say(f"{plan.host}: starting {names}; logs are in {upkeep.table.logs}")
             upkeep.start()
             upkeep.keep(_ready(plan.host, names))
     except TakenError as error:
         raise FailedError(_taken(args.namespace, plan.host, error.share)) from None
-    except GaveUpError as error:
+    except RunFailedError as error:
         raise FailedError(
-            f"{plan.host}: {error}\neverything of {plan.host} was ended; logs are in {upkeep.logs}"
+            f"{plan.host}: {error}\neverything of {plan.host} was ended; logs are in"
+            f" {upkeep.table.logs}"
         ) from None
     except OSError as error:
         raise FailedError(f"cannot keep a file that says what is up: {error}") from None

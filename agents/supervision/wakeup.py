@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
 from statistics import median
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct
 
 from armadico.agents.supervision.messages import (
     HostShare,
@@ -33,7 +33,7 @@ from armadico.agents.supervision.messages import (
 from armadico.core import agent
 from armadico.core.agent import DeviceAgent, Question
 from armadico.core.messages import LABEL, Card, Message, MonitorReport, line
-from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision, slower
+from armadico.core.restart_policy import MISUSED, Budget, slower
 
 CARD_S: Final = 0.5
 """What an agent may take to answer the query for its card, before it is queried again."""
@@ -66,6 +66,18 @@ HELD: Final = "it is held back: the machine cannot keep up"
 PATIENT: Final = 4
 """So many times as long may a start take on a machine that cannot keep up."""
 
+PAUSES_S: Final = (0.0, 0.1, 0.2, 0.5)
+"""How long a process waits for its next start, by how often it was started within the budget's
+window."""
+
+IN_THE_WAY_S: Final = (1.0, 2.0, 5.0)
+"""How long it waits if another one is in its way, by how often in a row; that is no fault of its
+own, and is not taken from the budget."""
+
+NEWCOMER_S: Final = 3.0
+"""A process that leaves so soon was a newcomer itself: started where another was already, or in the
+same instant. That is for people to mend."""
+
 HEARD_S: Final = 1.5
 """So long after it has begun the shares of all other hosts have come, s."""
 
@@ -79,7 +91,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """What is to be up on this host, and what else could be."""
 
     host: str
-    processes: dict[str, Names] = field(default_factory=dict)
+    processes: dict[str, Names] = msgspec.field(default_factory=dict)
     """By label, the agents that live in it; none in a simulator."""
     can: Names = ()
     needs: Names = ()
@@ -142,9 +154,44 @@ class _Process:
     state: KeptState = KeptState.STARTING
     pid: int = 0
     lent: bool = False
+    held: bool = False  # back, because the machine cannot keep up
     why: str = ""
     began_at: float | None = None  # when it was started, until it can be seen
     back_at: float = inf  # when its own host had what is lent again
+    reported_at: float | None = None  # when a monitor that lives in it last did
+    due_at: float | None = None  # when it is started again
+    since: float | None = None  # it was first seen at work
+    in_the_way: int = 0  # how often in a row another one was
+    requested: bool = False  # killed on request, and not started again yet
+
+    def works(self, now: float) -> None:
+        """It is seen at work."""
+        self.began_at = None
+        self.since = now if self.since is None else self.since
+        self.in_the_way = 0
+
+
+@dataclass
+class _Pace:
+    """Whether the machine keeps up, by how late it wakes this agent."""
+
+    late: deque[float] = field(default_factory=lambda: deque(maxlen=LATE_OF))  # s
+    slow: bool = False
+    until: float = 0.0  # it is taken to be slow at least
+    times: int = 0
+
+    def woken(self, late: float, now: float) -> bool:
+        """Note how late it was (s); whether that changes what is thought of the machine."""
+        self.late.append(late)
+        typical = median(self.late)
+        if not self.slow and len(self.late) == LATE_OF and typical > LATE_S:
+            self.slow, self.until = True, now + HOLD_S * 2**self.times
+            self.times += 1
+            return True
+        if self.slow and typical < LATE_S / 2 and now >= self.until:
+            self.slow = False
+            return True
+        return False
 
 
 class Wakeup(DeviceAgent):
@@ -160,20 +207,18 @@ class Wakeup(DeviceAgent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.gave_up = False
-        self.supervision = Supervision(Budget(self.p.restarts, self.p.within_s))
+        self.budget = Budget(self.p.restarts, self.p.within_s)
+        # All restarts that may count: when, which process, and whether it was requested.
+        self._restarts: deque[tuple[float, str, bool]] = deque()
         self._kept = {label: _Process(names) for label, names in self.p.processes.items()}
-        self._alive: dict[str, str] = {}  # the names of those whose token is there, by instance
-        self._cards: dict[str, Card] = {}
+        # Those whose token is there, by instance: the name, and the card once it has come.
+        self._there: dict[str, tuple[str, Card | None]] = {}
         self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
-        self._reported: dict[int, float] = {}  # when monitors of this host last did, by process
         self._half = b""  # of a line
         self._load = 0.0
         self._ready = False
         self._share_at = self._heard_at = self._due_at = 0.0
-        self._late: deque[float] = deque(maxlen=LATE_OF)  # by how much it was woken late, s
-        self._held: list[str] = []  # labels
-        self._slow = False
-        self._hold_until, self._holds = 0.0, 0
+        self._pace = _Pace()
         self._cut_at = inf  # when the robot's router could not be reached any more
         self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
 
@@ -187,17 +232,17 @@ class Wakeup(DeviceAgent):
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Somebody has joined: is it one of this host's?"""
-        self._alive[instance] = name
+        self._there[instance] = (name, None)
         self._ask(name, instance)
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        for about in (self._alive, self._cards, self._shares):
-            about.pop(instance, None)
+        self._there.pop(instance, None)
+        self._shares.pop(instance, None)
 
     def on_met(self, card: Card) -> None:
         """A card has come, whoever asked for it."""
-        if card.instance in self._alive:
-            self._cards[card.instance] = card
+        if card.instance in self._there:
+            self._there[card.instance] = (card.name, card)
             self._greet()
 
     def on_router(self) -> None:
@@ -238,13 +283,14 @@ class Wakeup(DeviceAgent):
 
     def on_monitor_report(self, report: MonitorReport) -> None:
         """A monitor is at work; is it one of this host's?"""
-        card = self._cards.get(report.instance)
-        if card is not None and card.host == self.p.host:
-            self._reported[card.pid] = self.now
+        _, card = self._there.get(report.instance, ("", None))
+        for process in self._kept.values():
+            if card is not None and (card.host, card.pid) == (self.p.host, process.pid):
+                process.reported_at = self.now
 
     def _ask(self, name: str, instance: str) -> None:
         """Ask for a card until it comes: one that hangs delays nobody, and may be slow once."""
-        if instance in self._cards or self._alive.get(instance) != name:
+        if self._there.get(instance) != (name, None):
             return
         if not any(name in p.agents for p in self._kept.values() if p.state is KeptState.STARTING):
             return
@@ -259,22 +305,22 @@ class Wakeup(DeviceAgent):
 
     def _greet(self) -> None:
         """See who of the starting is on the mesh by now."""
-        here = {(c.name, c.pid) for c in self._cards.values() if c.host == self.p.host}
+        cards = [card for _, card in self._there.values() if card is not None]
+        here = {(card.name, card.pid) for card in cards if card.host == self.p.host}
         for label, process in self._kept.items():
             starting = process.state is KeptState.STARTING and process.pid
             if starting and all((name, process.pid) in here for name in process.agents):
-                process.began_at = None
+                process.works(self.now)
                 self._became(label, KeptState.UP)
-                self.supervision.began(label, self.now)
         self._say_once()
 
     def _say_once(self) -> None:
         """That the share is up: all are on the mesh, here or where somebody took them over."""
         if not self._ready and all(
             process.state is KeptState.UP
-            or label in self._held
+            or process.held
             or (process.state is KeptState.WAITING and all(map(self._replaced, process.agents)))
-            for label, process in self._kept.items()
+            for process in self._kept.values()
         ):
             self._ready = True
             self._order(Do.READY)
@@ -300,8 +346,8 @@ class Wakeup(DeviceAgent):
         process.began_at = self.now if process.agents else None
         self._became(event.label, KeptState.STARTING if process.agents else KeptState.UP)
         if not process.agents:
-            self.supervision.began(event.label, self.now)
-        for instance, name in sorted(self._alive.items()):
+            process.works(self.now)
+        for instance, (name, _) in sorted(self._there.items()):
             self._ask(name, instance)
         self._greet()
 
@@ -313,9 +359,8 @@ class Wakeup(DeviceAgent):
             self._early.append(event)
             self._look_again()
             return
-        self._reported.pop(process.pid, None)
-        process.pid, process.began_at = 0, None
-        if label in self._held:
+        process.pid, process.began_at, process.reported_at = 0, None, None
+        if process.held:
             self._became(label, KeptState.WAITING, HELD)
             self._say_once()
             return
@@ -326,11 +371,11 @@ class Wakeup(DeviceAgent):
             self._let_go(label, "somebody is in its way")
             return
         replaced = any(self._replaced(name) for name in process.agents)
-        why = self.supervision.ended(label, event.code, self.now, replaced=replaced)
-        if why is not None and process.lent:  # that is no reason to end what is this host's own
+        why = self._plan_restart(label, event.code, replaced=replaced)
+        if why and process.lent:  # that is no reason to end what is this host's own
             self._let_go(label, f"{label} ended with {event.ending}, {why}")
             return
-        if why is not None:
+        if why:
             self.gave_up = True
             self._order(
                 Do.GIVE_UP,
@@ -338,7 +383,7 @@ class Wakeup(DeviceAgent):
                 f" Its last words:\n{event.words}",
             )
             return
-        if self.supervision.kept_out(label):
+        if process.in_the_way:
             said = (
                 f"{label} left: somebody is in its way; the others go on, and it is tried again"
                 " now and then"
@@ -348,6 +393,56 @@ class Wakeup(DeviceAgent):
         self._order(Do.SAY, text=said)
         self._became(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
         self._say_once()
+
+    def _plan_restart(self, label: str, code: int, *, replaced: bool) -> str:
+        """Say when a process that ended with a code is started again; else why it is not.
+
+        `replaced`: another host has started one in its place, so that another one in its way is no
+        fault of people's, however soon it found that out.
+        """
+        process = self._kept[label]
+        worked = 0.0 if process.since is None else self.now - process.since
+        if code == MISUSED and not replaced and worked < NEWCOMER_S:
+            return "it says that it was configured wrongly or is in the way, and would say so again"
+        if code == MISUSED:
+            pause = IN_THE_WAY_S[min(process.in_the_way, len(IN_THE_WAY_S) - 1)]
+            process.in_the_way += 1
+        else:
+            process.in_the_way = 0
+            if not process.requested and (why := self._spent(requested=False)):
+                return why
+            often = sum(1 for _, who, _ in self._restarts if who == label)
+            pause = PAUSES_S[min(often, len(PAUSES_S) - 1)]
+        process.due_at = self.now + pause
+        return ""
+
+    def _spent(self, *, requested: bool = True) -> str:
+        """Why one more restart is not to be had now; empty if it is.
+
+        Restarts on request do not count towards those of processes that failed, because a request
+        must not be what ends a host. Requests are refused once both together have spent the budget.
+        """
+        while self._restarts and self._restarts[0][0] <= self.now - self.budget.within_s:
+            self._restarts.popleft()
+        planned = [p for p in self._kept.values() if p.due_at is not None and not p.in_the_way]
+        spent = [was for *_, was in self._restarts] + [p.requested for p in planned]
+        if len(spent) - (0 if requested else sum(spent)) < self.budget.restarts:
+            return ""
+        most, within = self.budget.restarts, self.budget.within_s
+        return f"the budget of {most} restarts in {within:g} s is spent"
+
+    def _restart_due(self, label: str, process: _Process) -> None:
+        process.due_at = None
+        if not process.in_the_way:
+            self._restarts.append((self.now, label, process.requested))
+        process.requested = False
+        if process.held:
+            return
+        if process.in_the_way and any(map(self._replaced, process.agents)):
+            self._plan_restart(label, MISUSED, replaced=True)  # it would find out the same
+            return
+        self._became(label, KeptState.STARTING)
+        self._order(Do.START, label)
 
     def _replaced(self, name: str) -> bool:
         """Whether another host has started an agent of this name in place of one that was gone."""
@@ -376,14 +471,14 @@ class Wakeup(DeviceAgent):
         return WakeupReply(line(refusal))
 
     def _start(self, request: WakeupRequest, found: list[str]) -> str:
-        if any(label in self._held for label in found):
+        if any(self._kept[label].held for label in found):
             return HELD
         if any(self._kept[label].state is not KeptState.ENDED for label in found):
             return ""  # it is looked after already
         if not found and request.agent not in self.p.can:
             able = ", ".join(self.p.can) or "nobody"
             return f"it cannot start {request.agent}; it could start {able}"
-        if refusal := self.supervision.refusal(self.now):
+        if refusal := self._spent():
             return refusal
         for label in found or [request.agent]:
             lent = not found
@@ -397,16 +492,16 @@ class Wakeup(DeviceAgent):
     def _restart(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
             return f"{request.agent} is none of its agents"
-        if any(label in self._held for label in found):
+        if any(self._kept[label].held for label in found):
             return HELD
         for label in found:
             process = self._kept[label]
             meant = request.pid in (0, process.pid)
             if process.state is KeptState.ENDED or not (process.pid and meant):
                 continue  # another one is there by now, or is about to be
-            if refusal := self.supervision.refusal(self.now):
+            if refusal := self._spent():
                 return refusal
-            self.supervision.requested(label)
+            process.requested = True
             self._kill(label, _asked(request))
         return ""
 
@@ -428,8 +523,10 @@ class Wakeup(DeviceAgent):
 
     def _let_go(self, label: str, why: str) -> None:
         """It is not started again: what was lent is forgotten, what is its own said to be ended."""
-        self.supervision.let_go(label)
-        if self._kept[label].lent:
+        process = self._kept[label]
+        process.due_at, process.since, process.in_the_way = None, None, 0
+        process.requested = process.held = False
+        if process.lent:
             del self._kept[label]
             self._order(Do.SAY, text=f"{label} is this host's no more: {why}")
             self._tell()
@@ -440,23 +537,26 @@ class Wakeup(DeviceAgent):
 
     def on_wakeup(self) -> None:
         """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
-        self._late.append(self.now - self._due_at)
-        self._keep_up()
+        if self._pace.woken(self.now - self._due_at, self.now):
+            if self._pace.slow:
+                self._hold_back()
+            else:
+                self._hold_no_more()
         if self.now >= self._heard_at:
             early, self._early = self._early, []
             for event in early:
                 self._ended(event)
-        for label in self.supervision.due(self.now):
-            if label in self._held:
-                continue
-            replaced = [name for name in self._kept[label].agents if self._replaced(name)]
-            if self.supervision.kept_out(label) and replaced:  # it would find out the same
-                self.supervision.ended(label, MISUSED, self.now, replaced=True)
-                continue
-            self._became(label, KeptState.STARTING)
-            self._order(Do.START, label)
+        for label, process in self._kept.items():
+            if process.due_at is not None and process.due_at <= self.now:
+                self._restart_due(label, process)
+        self._kill_who_hangs()
+        if self.now >= self._share_at:
+            self._tell()
+        self._look_again()
+
+    def _kill_who_hangs(self) -> None:
         times = slower(self._load)
-        start_s = START_S * times * (PATIENT if self._slow else 1)
+        start_s = START_S * times * (PATIENT if self._pace.slow else 1)
         for label, process in self._kept.items():
             up = process.state is KeptState.UP and process.pid
             if self._is_router(process) and up and self.now - self._cut_at >= ROUTER_S * times:
@@ -467,57 +567,52 @@ class Wakeup(DeviceAgent):
             elif process.began_at is not None and self.now - process.began_at >= start_s:
                 process.began_at = None
                 self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
-            elif self.now - self._reported.get(process.pid, self.now) >= MONITOR_S * times:
-                del self._reported[process.pid]
+            elif (
+                process.reported_at is not None
+                and self.now - process.reported_at >= MONITOR_S * times
+            ):
+                process.reported_at = None
                 self._kill(label, f"it watches, and has said nothing for {MONITOR_S * times:.0f} s")
-        if self.now >= self._share_at:
-            self._tell()
-        self._look_again()
 
     def _is_router(self, process: _Process) -> bool:
         return self.p.router in process.agents
 
-    def _keep_up(self) -> None:
-        """Hold back what the robot can do without while this machine cannot keep up."""
-        late = median(self._late)
-        if not self._slow and len(self._late) == LATE_OF and late > LATE_S:
-            self._slow = True
-            self._hold_until = self.now + HOLD_S * 2**self._holds
-            self._holds += 1
-            self._hold_back(late)
-        elif self._slow and late < LATE_S / 2 and self.now >= self._hold_until:
-            held, self._held, self._slow = self._held, [], False
-            again = f"; started again: {', '.join(held)}" if held else ""
-            self._order(Do.SAY, text=f"{self.p.host} keeps up again{again}")
-            for label in held:
-                self._became(label, KeptState.STARTING)
-                self._order(Do.START, label)
-
-    def _hold_back(self, late: float) -> None:
+    def _hold_back(self) -> None:
+        """End what the robot can do without while this machine cannot keep up."""
         needed = set(self.p.needs)
-        self._held = [
-            label
-            for label, process in self._kept.items()
-            if needed and process.agents and not needed & set(process.agents)
-            if process.state is not KeptState.ENDED
-        ]
-        for label in self._held:
-            if self._kept[label].pid:
-                self._order(Do.END, label)
-            self._became(label, KeptState.WAITING, HELD)
-        held = f"; held back: {', '.join(self._held)}" if self._held else ""
+        for label, process in self._kept.items():
+            without = needed and process.agents and not needed & set(process.agents)
+            if without and process.state is not KeptState.ENDED:
+                process.held = True
+                if process.pid:
+                    self._order(Do.END, label)
+                self._became(label, KeptState.WAITING, HELD)
+        labels = ", ".join(self._held())
+        held = f"; held back: {labels}" if labels else ""
         text = (
-            f"{self.p.host} cannot keep up: processes run {late:.2f} s late, a cycle is"
-            f" {LATE_S:g} s (load {self._load:.1f} for each core){held}. End other"
+            f"{self.p.host} cannot keep up: processes run {median(self._pace.late):.2f} s late, a"
+            f" cycle is {LATE_S:g} s (load {self._load:.1f} for each core){held}. End other"
             " programs, use another host for some agents (--hosts), or do --without some"
         )
         self._order(Do.SAY, text=text)
 
+    def _hold_no_more(self) -> None:
+        held = self._held()
+        again = f"; started again: {', '.join(held)}" if held else ""
+        self._order(Do.SAY, text=f"{self.p.host} keeps up again{again}")
+        for label in held:
+            self._kept[label].held = False
+            self._became(label, KeptState.STARTING)
+            self._order(Do.START, label)
+
+    def _held(self) -> list[str]:
+        return [label for label, process in self._kept.items() if process.held]
+
     def _look_again(self) -> None:
         """Be woken for the next start, or the next share; by then who hangs at start is seen."""
-        due = self.supervision.wakeup
+        due = [p.due_at for p in self._kept.values() if p.due_at is not None]
         early = [self._heard_at] if self._early else []
-        self._due_at = min([self._share_at, *early, *([] if due is None else [due])])
+        self._due_at = min([self._share_at, *early, *due])
         self.wake_at(self._due_at)
 
     def _became(self, label: str, state: KeptState, why: str = "") -> None:

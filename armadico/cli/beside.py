@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -54,35 +53,28 @@ def beside(
         FailedError: It did not start, and has said why on stderr.
     """
     from armadico.launch.processes import command_line  # noqa: PLC0415 - not for --help
+    from armadico.runtime.programs import Program, end  # noqa: PLC0415
 
     words = [command, STARTING, *PORTS[command], *options.joining(args)]
     words += [] if world is None else [f"--world={world}"]
     words += [f"--namespace={name}" for name in namespaces or (args.namespace,)]
-    process = subprocess.Popen(
-        command_line(words),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,  # Ctrl-C is the run's; it ends this one
-    )
-    assert process.stdout is not None, "it was asked for"
-    with process, process.stdout:
-        try:
-            said = process.stdout.readline()  # ends with the process, if that fails
-            if not said:
-                raise FailedError(f"the {command} did not start; leave out --{command}")
-            print(said, end="", file=sys.stderr, flush=True)
-            if wait:
-                options.say("armadico run: open the link: the run begins when somebody looks")
-                if not process.stdout.readline():
-                    raise FailedError(f"the {command} has ended, so no run")
-            yield
-            if wait:
-                with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
-                    options.say(f"armadico run: the run is over; Ctrl-C ends the {command}")
-                    process.wait()
-        finally:
-            _end(process)
+    process = Program(command, command_line(words), None, listen=True)
+    try:
+        said = process.line()  # ends with the process, if that fails
+        if not said:
+            raise FailedError(f"the {command} did not start; leave out --{command}")
+        print(said, end="", file=sys.stderr, flush=True)
+        if wait:
+            options.say("armadico run: open the link: the run begins when somebody looks")
+            if not process.line():
+                raise FailedError(f"the {command} has ended, so no run")
+        yield
+        if wait:
+            with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
+                options.say(f"armadico run: the run is over; Ctrl-C ends the {command}")
+                process.popen.wait()
+    finally:
+        end(process.popen, number=signal.SIGINT, within_s=LEAVE_S)
 
 
 class Helpers:
@@ -119,12 +111,3 @@ class Helpers:
         log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
         self.processes[namespace, name] = Process(name, words, log, tied=True)
         return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """In order, or else by force."""
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(LEAVE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()

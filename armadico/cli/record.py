@@ -72,7 +72,8 @@ def recorder(
     Raises FailedError, UsageError.
     """
     from armadico.config.scenarios import unmapped  # noqa: PLC0415 - not for --help
-    from armadico.launch.processes import START_S, Process, end  # noqa: PLC0415 - not for --help
+    from armadico.launch.processes import START_S, Process  # noqa: PLC0415 - not for --help
+    from armadico.runtime.programs import end  # noqa: PLC0415
 
     options.need("mcap", "record")
     if path.exists():

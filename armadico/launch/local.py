@@ -6,25 +6,14 @@ happens.
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from armadico.config.scenarios import Scenario
 from armadico.core.restart_policy import MISUSED
-from armadico.launch.processes import (
-    SIMULATOR,
-    START_S,
-    Process,
-    StartError,
-    agent_words,
-    end_in_order,
-    ending,
-    simulator_words,
-)
+from armadico.launch.processes import START_S, Process, ProcessTable, ending, logs_folder
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
 from armadico.mobile.messages import MissionStatus
@@ -53,7 +42,13 @@ INSTEAD = (
 
 
 class Launcher(LiveRun):
-    """The processes of one run; a context manager that leaves nothing running."""
+    """The processes of one run; a context manager that leaves nothing running.
+
+    Attributes:
+        members: The agents that were started.
+        table: Their processes, with the simulator's.
+        ended: Those that ended before they were asked to.
+    """
 
     def __init__(
         self,
@@ -66,28 +61,41 @@ class Launcher(LiveRun):
         idle_s: float = IDLE_S,
         joining: Sequence[str] = (),
         tied: bool = False,
+        logs: Path | None = None,
     ) -> None:
         """Prepare.
 
         Args:
-            scenario: What is driven, and who takes part.
+            scenario: As in `LiveRun`, and so are `options`, `mesh`, `silent_s` and `idle_s`.
             options: What else was chosen for the run.
             mesh: Where the launcher listens.
             namespace: The robot's subtree of keys.
-            silent_s: A run whose robot has published nothing for so long is over.
-            idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
-                takes part is missing.
-            joining: Options by which the processes find the mesh, if it is not the default one.
-            tied: The processes are to leave when this one is killed, instead of driving on.
+            silent_s: When a silent robot ends the run.
+            idle_s: When unclaimed wheels do.
+            joining: As in `ProcessTable`, and so are `tied` and `logs`.
+            tied: The processes leave when this one is killed.
+            logs: The folder of the logs, shared with other robots; None: one of its own.
         """
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
-        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
-        self.processes: list[Process] = []
+        self.table = ProcessTable(
+            namespace,
+            joining,
+            tied,
+            options.journal,
+            logs or logs_folder(),
+            prefix="" if logs is None else f"{namespace.rpartition('/')[2]}-",
+        )
         self._namespace = namespace
-        self._joining = tuple(joining)
-        self._tied = tied
-        self._mourned: set[Process] = set()
+        self.ended: set[Process] = set()
+
+    @property
+    def processes(self) -> list[Process]:
+        return self.table.processes
+
+    @property
+    def logs(self) -> Path:
+        return self.table.logs
 
     def __exit__(
         self,
@@ -100,8 +108,8 @@ class Launcher(LiveRun):
         self.stop()
         well = isinstance(error, KeyboardInterrupt)
         well |= error is None and self.watch.result().passed
-        if not began or (well and not self._mourned):
-            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
+        if not began or (well and not self.ended):
+            self.table.remove_logs()
 
     def run(
         self,
@@ -135,9 +143,17 @@ class Launcher(LiveRun):
         self.members = members(self.scenario, self.options, port)
         for name, group in processes(self.members, self.options.together).items():
             self.start_agent(*group, name=name)
-        self._wait_for_everybody()
+        if not self._comes(lambda: not self._missing(), START_S):
+            raise RunFailedError(
+                f"did not start within {START_S:.0f} s: {', '.join(self._missing())}"
+                " (`armadico doctor` checks ports and packages)"
+            )
         self._refuse_a_second_run()
-        self._wait_for_the_robot(port)
+        if not self._comes(self._ready_to_drive, ANSWER_S):
+            raise RunFailedError(
+                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
+                f" {self.words_of_the_robot()}"
+            )
 
     def _refuse_company(self) -> None:
         """A robot that is in the namespace already is not ours to drive."""
@@ -151,77 +167,45 @@ class Launcher(LiveRun):
 
     def _refuse_a_second_run(self) -> None:
         """Of two runs that begin together one drives at most, and only with its own agents."""
-        end = self.client.mesh.now() + ALONE_S
+        end = self.now() + ALONE_S
         seen: set[str] = set()  # a card that came once may be late the next time
-        while strangers := self._strange_agents():
+        while strangers := self._others(who for who in self.client.alive if who[0] in self.names):
             seen.update(strangers)
             self._check_alive()  # an encoder agent that finds another leaves
-            if self.client.mesh.now() >= end:
+            if self.now() >= end:
                 raise RunFailedError(
                     f"others came into the namespace {self._namespace!r} meanwhile:"
                     f" {', '.join(sorted(seen))}; use another one: --namespace NAME"
                 )
             self.client.wait_for(lambda: None, LOOK_S)
 
-    def _strange_agents(self) -> list[str]:
-        """Instances of the agents that take part which somebody else has started."""
+    def _others(self, agents: Iterable[tuple[str, str]]) -> list[str]:
+        """Instances of agents, by their names and instances, that somebody else has started."""
         ours = {process.popen.pid for process in self.processes}
-        there = sorted(who for who in self.client.alive if who[0] in self.names)
-        cards = [self.client.card(*who) for who in there]
+        cards = [self.client.card(*who) for who in sorted(agents)]
         return [card.instance for card in cards if card is not None and card.pid not in ours]
 
     def start_simulator(self, port: int = 0) -> str:
         """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
-        words = simulator_words(self.scenario, self.options.seed, self._namespace, port)
-        process = self._process(SIMULATOR, words, listen=True)
-        try:
-            return process.announced()[0]
-        except StartError as error:
-            raise RunFailedError(str(error)) from None
+        return self.table.start_simulator(self.scenario, self.options.seed, port).announced()[0]
 
     def start_agent(self, *group: Member, name: str = "") -> Process:
         """Start an agent as a process, or several as one; by default it is called as the first."""
-        words = agent_words(group, self._namespace, journal=self.options.journal)
-        return self._process(name or group[0].name, words)
-
-    def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
-        log = self.logs / f"{name}.log"
-        process = Process(name, [*words, *self._joining], log, listen=listen, tied=self._tied)
-        self.processes.append(process)
-        return process
-
-    def _wait_for_everybody(self) -> None:
-        """Until all agents are alive."""
-
-        def here() -> bool:
-            self._check_alive()
-            return not self._missing()
-
-        if not self._comes(here, START_S):
-            missing = ", ".join(self._missing())
-            raise RunFailedError(
-                f"did not start within {START_S:.0f} s: {missing}"
-                " (`armadico doctor` checks ports and packages)"
-            )
-
-    def _wait_for_the_robot(self, port: str) -> None:
-        """Until it talks and obeys, and the encoder agent, if it takes part, knows where it is."""
-
-        def talks() -> bool:
-            self._check_alive()
-            return self._ready_to_drive()
-
-        if not self._comes(talks, ANSWER_S):
-            raise RunFailedError(
-                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
-                f" {self.words_of_the_robot()}"
-            )
+        return self.table.start_agents(name or group[0].name, group)
 
     def _comes(self, condition: Callable[[], bool], within: float) -> bool:
-        """Whether something becomes so; without a robot agent nothing arrives, and it is polled."""
-        end = self.client.mesh.now() + within
-        while not self.client.wait_for(condition, LOOK_S):
-            if self.client.mesh.now() >= end:
+        """Whether something becomes so; without a robot agent nothing arrives, and it is polled.
+
+        Raises RunFailedError if a process has ended.
+        """
+
+        def comes() -> bool:
+            self._check_alive()
+            return condition()
+
+        end = self.now() + within
+        while not self.client.wait_for(comes, LOOK_S):
+            if self.now() >= end:
                 return False
         return True
 
@@ -241,21 +225,11 @@ class Launcher(LiveRun):
         The agent may have received tokens and cards that have not come here yet: they are waited
         for, `NAMES_S` at most.
         """
-        ours = {process.popen.pid for process in self.processes}
-
-        def robot() -> str:
-            cards = (self.client.card(*who) for who in self._robots())
-            return next((c.instance for c in cards if c is not None and c.pid not in ours), "")
-
-        found = self.client.wait_for(robot, NAMES_S)
-        if not found and not self._is_alive(name):
+        found = self.client.wait_for(lambda: self._others(self._robots()), NAMES_S)
+        if not found and not any(other == name for other, _ in self.client.alive):
             return ""
-        whose = f", with the robot agent {found}" if found else ""
+        whose = f", with the robot agent {found[0]}" if found else ""
         return f"\nA society is up in the namespace {self._namespace!r}{whose}: {INSTEAD}"
-
-    def _is_alive(self, name: str) -> bool:
-        """Whether somebody's agent of that name is."""
-        return any(other == name for other, _ in self.client.alive)
 
     def look(self) -> None:
         """Say once who has gone.
@@ -263,8 +237,8 @@ class Launcher(LiveRun):
         Raises RunFailedError if another's agent has taken the place of one.
         """
         for process in self.processes:
-            if process.ended() and process not in self._mourned:
-                self._mourned.add(process)
+            if process.ended() and process not in self.ended:
+                self.ended.add(process)
                 if process.popen.returncode == MISUSED:  # another's of its kind is there
                     self._check_alive()
                 self._warn(
@@ -282,5 +256,4 @@ class Launcher(LiveRun):
 
     def stop(self) -> None:
         """Take everything down: the behaviours let go, the robot stops, the simulator ends last."""
-        end_in_order(self.processes)
-        self.processes.clear()
+        self.table.end()

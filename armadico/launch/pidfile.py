@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-from armadico.mesh.sockets import folder, stem
+from armadico.mesh.sockets import folder, is_held, stem
 
 
 @dataclass(frozen=True)
@@ -69,18 +69,6 @@ def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
     for path in sorted(folder().glob(f"{stem(namespace)}@{stem(host) if host else '*'}.json")):
         if is_held(path) and (share := read(path)) is not None:
             yield share
-
-
-def is_held(path: Path) -> bool:
-    """Whether a process that lives has the file."""
-    try:
-        with path.open() as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        pass
-    return False
 
 
 def read(path: Path) -> Share | None:

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import os
 import re
-import selectors
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from armadico.config.discovery import owners
 from armadico.core.resources import WHEELS
+from armadico.runtime.errors import RunFailedError
+from armadico.runtime.programs import LAUNCHER, Program, end, finish
 
 if TYPE_CHECKING:
     import psutil
@@ -31,13 +34,7 @@ if TYPE_CHECKING:
 START_S: Final = 20.0
 """What the processes may take to start."""
 
-LEAVE_S: Final = 3.0
-"""What a process may take to leave before it is killed."""
-
 SIMULATOR: Final = "simulator"
-
-LAUNCHER: Final = "ARMADICO_LAUNCHER"
-"""In the environment of a process: the id of the one that started it, to be ended with it."""
 
 TIED: Final = "armadico.child"
 """The program of a process that is to leave when its launcher is gone."""
@@ -46,12 +43,10 @@ _ANNOUNCED = re.compile(r" at (tcp://[^;,\s]+)")
 """Where the simulator's first line on standard output says that it listens."""
 
 
-class StartError(RuntimeError):
-    """A process did not start; the message says why."""
+class Process(Program):
+    """One process of the society: `armadico COMMAND...`."""
 
-
-class Process:
-    """One process of the society, and where its last words are kept."""
+    log: Path
 
     def __init__(
         self,
@@ -62,65 +57,87 @@ class Process:
         listen: bool = False,
         tied: bool = False,
     ) -> None:
-        """Start `armadico COMMAND...`.
-
-        Args:
-            name: What it is called.
-            command: The words after `armadico`.
-            log: Where what it says is appended.
-            listen: Keep its standard output for `announced`, instead of in the log.
-            tied: It is to leave when this process is gone, however that ends.
-        """
-        self.name = name
-        self.log = log
-        with _appended(log) as errors:
-            self._begun_at = errors.tell()
-            self.popen: subprocess.Popen[bytes] = subprocess.Popen(
-                command_line(command, tied=tied),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if listen else errors,
-                stderr=errors,
-                env={**os.environ, LAUNCHER: str(os.getpid())},
-                start_new_session=True,  # Ctrl-C is the launcher's; it tells them in order
-            )
+        """Start it; `tied`: it is to leave when this process is gone, however that ends."""
+        super().__init__(name, command_line(command, tied=tied), log, listen=listen)
 
     @property
     def has_robot(self) -> bool:
         """Whether the robot agent is one of this process's."""
         return owns_wheels(self.name)
 
-    def ended(self) -> bool:
-        return self.popen.poll() is not None
-
-    def last_words(self, lines: int = 5) -> str:
-        """The end of what it wrote."""
-        try:
-            with self.log.open("rb") as file:
-                file.seek(min(self._begun_at, self.log.stat().st_size))
-                text = file.read().decode(errors="replace").strip().splitlines()
-        except OSError as error:
-            return f"    its log cannot be read: {error.strerror}"
-        return "\n".join(f"    {line}" for line in text[-lines:]) or "    nothing"
-
     def announced(self) -> list[str]:
-        """The addresses of its robots, which the simulator says first. Raises StartError."""
-        assert self.popen.stdout is not None, "it was asked for"
-        found: list[str] = _ANNOUNCED.findall(_line(self.popen.stdout, START_S))
+        """The addresses of its robots, which a simulator says first. Raises RunFailedError."""
+        found: list[str] = _ANNOUNCED.findall(self.line(START_S))
         if not found:
-            raise StartError(f"the {self.name} did not start:\n{self.last_words()}")
+            raise RunFailedError(f"the {self.name} did not start:\n{self.last_words()}")
         return found
 
 
-def _appended(log: Path) -> BinaryIO:
-    """A log, to be written on; nowhere if it cannot be: who drives needs none.
+def logs_folder() -> Path:
+    """A new folder for the logs of a run or a host."""
+    return Path(tempfile.mkdtemp(prefix="armadico-"))
 
-    Its folder may have been cleaned up meanwhile, or the disk be full.
+
+@dataclass
+class ProcessTable:
+    """The processes that one program has started for a society, and the folder of their logs.
+
+    Attributes:
+        namespace: The robot's subtree of keys.
+        joining: Options by which the processes find the mesh, if it is not the default one.
+        tied: They are to leave when this process is killed, instead of driving on.
+        journal: The agents publish what enters and leaves them.
+        logs: The folder.
+        prefix: What the names of the logs begin with, where several societies share the folder.
+        processes: In the order of their start; those that have ended stay until they are taken out.
     """
-    try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        return log.open("ab")
-    except OSError:
-        return Path(os.devnull).open("ab")
+
+    namespace: str
+    joining: Sequence[str] = ()
+    tied: bool = False
+    journal: bool = False
+    logs: Path = field(default_factory=logs_folder)
+    prefix: str = ""
+    processes: list[Process] = field(default_factory=list)
+
+    def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
+        """Start `armadico WORDS...` on the mesh of the society."""
+        log = self.logs / f"{self.prefix}{name}.log"
+        process = Process(name, [*words, *self.joining], log, listen=listen, tied=self.tied)
+        self.processes.append(process)
+        return process
+
+    def start_agents(self, name: str, members: Sequence[Member]) -> Process:
+        """Start the agents of one process."""
+        return self.start(name, agent_words(members, self.namespace, journal=self.journal))
+
+    def start_simulator(
+        self, scenario: Scenario, seed: int, port: int = 0, also: Sequence[str] = ()
+    ) -> Process:
+        """Start a simulator on a TCP port, 0: one that is free; it has `announced` its robots."""
+        words = simulator_words(scenario, seed, self.namespace, port, also)
+        return self.start(SIMULATOR, words, listen=True)
+
+    def named(self, name: str) -> Process | None:
+        """The newest process of a name."""
+        return next((p for p in reversed(self.processes) if p.name == name), None)
+
+    def take_ended(self) -> list[Process]:
+        """Take out the processes that have ended."""
+        ended = [process for process in self.processes if process.ended()]
+        for process in ended:
+            self.processes.remove(process)
+            finish([process.popen])
+        return ended
+
+    def end(self) -> None:
+        """End all of them in order."""
+        end_in_order(self.processes)
+        self.processes.clear()
+
+    def remove_logs(self) -> None:
+        """Nothing went wrong: there is nothing to read."""
+        shutil.rmtree(self.logs, ignore_errors=True)
 
 
 def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:
@@ -254,20 +271,6 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def end(*popens: subprocess.Popen[Any]) -> None:
-    """Ask processes to leave, kill whoever does not, and close their pipes."""
-    for popen in popens:
-        with suppress(ProcessLookupError):
-            popen.terminate()
-    deadline = time.monotonic() + LEAVE_S
-    for popen in popens:
-        try:
-            popen.wait(max(deadline - time.monotonic(), 0.0))
-        except subprocess.TimeoutExpired:
-            popen.kill()
-    _finish(popens)
-
-
 def kill_trees(*popens: subprocess.Popen[Any]) -> None:
     """SIGKILL processes and all that they started, as if the plug was pulled."""
     import psutil  # noqa: PLC0415 - only where something is killed
@@ -280,28 +283,4 @@ def kill_trees(*popens: subprocess.Popen[Any]) -> None:
                     with suppress(psutil.NoSuchProcess):
                         child.kill()
                 popen.kill()
-    _finish(popens)
-
-
-def _finish(popens: Sequence[subprocess.Popen[Any]]) -> None:
-    for popen in popens:
-        popen.wait()
-        for pipe in (popen.stdin, popen.stdout, popen.stderr):
-            if pipe is not None:
-                pipe.close()
-
-
-def _line(pipe: IO[bytes], timeout: float) -> str:
-    """The first line of a pipe, or what there is of it in time."""
-    data = b""
-    deadline = time.monotonic() + timeout
-    with selectors.DefaultSelector() as selector:
-        selector.register(pipe, selectors.EVENT_READ)
-        while b"\n" not in data and (left := deadline - time.monotonic()) > 0:
-            if not selector.select(left):
-                break
-            chunk = os.read(pipe.fileno(), 4096)
-            if not chunk:
-                break
-            data += chunk
-    return data.decode(errors="replace").partition("\n")[0]
+    finish(popens)

@@ -1,8 +1,10 @@
-"""One run: the society starts, the mission is handed over, and the run watched to its end.
+"""One run: societies start, their errand is handed over, and it is watched to its end.
 
-`Run` is the life of every run; what starts the society is `launch.virtual` (in this process, under
-a virtual clock), `launch.local` (processes on this machine) or `launch.attached` (somebody else).
-It decides nothing: kill it and the society drives on.
+`Run` is the life of every run, over one robot or over several. `RobotRun` is one robot's; what
+starts its society is `launch.virtual` (in this process, under a virtual clock), `launch.local`
+(processes on this machine) or `launch.attached` (somebody else). A run of several robots is made of
+such runs, by a capability whose entry point is in the group `armadico.runs`. A run decides nothing:
+kill it and the societies drive on.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from armadico.config.discovery import GUESTS, agent_class, installed, owners
 from armadico.config.scenarios import Scenario, mission_of
@@ -39,6 +41,22 @@ SILENT_S = 10.0
 IDLE_S = 15.0
 """A run without a claim for the wheels for so long is over, if an agent is missing."""
 
+R_co = TypeVar("R_co", covariant=True)
+
+
+class Watch(Protocol[R_co]):
+    """What a run comes to, by the messages of its robots."""
+
+    def end(self, limit: float) -> None:
+        """The time that it may take (s) is over."""
+
+    def result(self) -> R_co:
+        """The row, as far as it has come."""
+
+
+R = TypeVar("R")
+W = TypeVar("W", bound=Watch[Any])
+
 
 def _drives(name: str) -> bool:
     """Whether an agent contends for the wheels of a robot that knows where it is."""
@@ -46,8 +64,95 @@ def _drives(name: str) -> bool:
     return WHEELS in kind.competes_for and not (issubclass(kind, Behaviour) and kind.seeks)
 
 
-class Run:
-    """One run of a scenario; what differs between societies is in its subclasses."""
+class Run(Generic[W, R]):
+    """The life of a run; a context manager, since whoever leaves it has something to leave.
+
+    Attributes:
+        scenario: What is driven, and who takes part.
+        options: What else was chosen for the run.
+        watch: What it comes to.
+        limit: How long it may take, s, once it has begun.
+    """
+
+    watch: W
+
+    step_s = 0.2
+    """How often progress is reported and the societies are checked."""
+
+    def __init__(self, scenario: Scenario, options: Options) -> None:
+        self.scenario = scenario
+        self.options = options
+        self.limit = time_limit(0.0, options)
+        self._warn: Callable[[str], None] = lambda _: None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave things as they should be left, whatever happened."""
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing is left to be done."""
+        raise NotImplementedError
+
+    def now(self) -> float:
+        """The time by which it is limited, s."""
+        raise NotImplementedError
+
+    def report_to(self, warn: Callable[[str], None]) -> None:
+        """Have what goes wrong, and who is gone, passed to a function."""
+        self._warn = warn
+
+    def start(self) -> None:
+        """See that all agents are alive. Raises RunFailedError if one is not."""
+        raise NotImplementedError
+
+    def begin(self) -> float:
+        """Hand the errand over, if there is one; returns since when the time counts, s.
+
+        Raises MissionRefusedError or AbsentError.
+        """
+        raise NotImplementedError
+
+    def wait(self, seconds: float) -> None:
+        """Let it drive for so long, or until it is over."""
+        raise NotImplementedError
+
+    def goes_on(self, elapsed: float) -> bool:
+        """Called at each step, s after the beginning. Raises RunFailedError if it cannot go on."""
+        raise NotImplementedError
+
+    def run(
+        self,
+        progress: Callable[[W], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> R:
+        """Drive until it is over or its time is up; `warn` is told what goes wrong meanwhile."""
+        if warn is not None:
+            self.report_to(warn)
+        self.start()
+        begun = self.begin()
+        end = begun + self.limit  # and not what is left of it: that may be too little to be added
+        while not self.over and self.now() < end:
+            self.wait(min(self.step_s, end - self.now()))
+            if progress is not None:
+                progress(self.watch)
+            if not self.goes_on(self.now() - begun):
+                break
+        else:
+            self.watch.end(self.limit)
+        result: R = self.watch.result()
+        return result
+
+
+class RobotRun(Run[RunWatch, Result]):
+    """One robot's run of a scenario; what differs between societies is in its subclasses."""
 
     mode: str
     """How it is driven, as its conditions name it."""
@@ -55,83 +160,55 @@ class Run:
     again_s = 0.0
     """A mission that is refused is asked for again for so long."""
 
-    step_s = 0.2
-    """How often progress is reported and the society looked at."""
-
     def __init__(self, scenario: Scenario, options: Options, client: Client) -> None:
-        """Prepare.
-
-        Args:
-            scenario: What is driven, and who takes part.
-            options: What else was chosen for the run.
-            client: The guest that hands the mission over.
-        """
-        self.scenario = scenario
-        self.options = options
+        """Prepare; `client` is the guest that hands the mission over."""
+        super().__init__(scenario, options)
         self.names = names(scenario, options.without)
         self.client = client
         self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
-        self.limit = time_limit(0.0, options)
-        self._warn: Callable[[str], None] = lambda _: None
         self._warned = ""
         self._guests = [found.load()(scenario) for found in installed(GUESTS).values()]
 
-    def start(self) -> None:
-        """See that all agents are alive. Raises RunFailedError if one is not."""
-        raise NotImplementedError
+    @property
+    def over(self) -> bool:
+        return self.watch.done
 
-    def begin(self) -> None:
-        """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
+    def now(self) -> float:
+        return self.client.mesh.now()
+
+    def begin(self) -> float:
         request = errand(self.scenario, self.options)
         if request is None:
             self.watch.begin()
-            return
+            return self.now()
         reply = self.client.hand_over(request, find=HEAR_S, again=self.again_s)
         self.limit = time_limit(reply.length, self.options, mission_of(self.scenario))
         self.watch.begin(reply.mission)
-
-    def tell(self, warn: Callable[[str], None]) -> None:
-        """Have somebody told who is gone and what goes wrong."""
-        self._warn = warn
+        return self.now()
 
     def run(
         self,
         progress: Callable[[RunWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> Result:
-        """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
+        """See `Run`; said before is what will keep it from driving, and after it what misled it."""
         if warn is not None:
-            self.tell(warn)
+            self.report_to(warn)
         if warning := bare(self.scenario.world):
             self._warn(warning)
-        self.start()
         if not any(map(_drives, self.names)):
             self._warn(
                 "nobody contends for the wheels: no agent that would drive takes part, so the robot"
                 " will stand"
             )
-        self.begin()
-        now = self.client.mesh.now
-        begun = now()
-        end = begun + self.limit  # and not what is left of it: that may be too little to be added
-        while not self.watch.done and now() < end:
-            self.wait(min(self.step_s, end - now()))
-            for guest in self._guests:
-                for message in guest.due(now() - begun, self.watch.errand):
-                    self.client.publish(message)
-            if progress is not None:
-                progress(self.watch)
-            if not self.goes_on(now() - begun):
-                break
-        else:
-            self.watch.end(self.limit)
+        result = super().run(progress)
         if self.watch.astray is not None:
             metres, turned = self.watch.astray
             self._warn(
                 "by its pose the robot is at the goal, and in truth it is not: the pose is"
                 f" {metres:.2f} m and {turned:.1f} degrees off{self._unaided()}"
             )
-        return self.watch.result()
+        return result
 
     def _unaided(self) -> str:
         """Why nothing corrects the pose, in a half sentence; empty if somebody might."""
@@ -143,11 +220,13 @@ class Run:
         return ", since there is no wall to localize against; with `--sensors ideal` nothing drifts"
 
     def wait(self, seconds: float) -> None:
-        """Let it drive for so long, or until it is done."""
         self.client.wait_for(lambda: self.watch.done, seconds)
 
-    def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
-        """Called at each step, s after the beginning. Raises RunFailedError if it cannot go on."""
+    def goes_on(self, elapsed: float) -> bool:
+        """See `Run`: those who take part besides agents have their turn."""
+        for guest in self._guests:
+            for message in guest.due(elapsed, self.watch.errand):
+                self.client.publish(message)
         return True
 
     def pass_on(self, key: str, message: Message) -> None:
@@ -159,8 +238,8 @@ class Run:
             self._warn(message.text if said else f"{name}: {message.text}")
 
 
-class LiveRun(Run):
-    """A run over a real mesh; a context manager, since whoever leaves it has something to leave."""
+class LiveRun(RobotRun):
+    """A run over a real mesh."""
 
     mode = LIVE
     again_s = LINKS_S
@@ -192,20 +271,9 @@ class LiveRun(Run):
         self._unfit = ""
         self.client.listen(Log, then=lambda log, _: self._hear_log(log))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Leave things as they should be left, whatever happened."""
-
     def goes_on(self, elapsed: float) -> bool:
         self.look()
-        return not self._nobody_can(elapsed)
+        return super().goes_on(elapsed) and not self._nobody_can(elapsed)
 
     def look(self) -> None:
         """Called now and then while it runs.

@@ -20,7 +20,7 @@ from armadico.config.scenarios import Scenario
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Log, Message
 from armadico.core.resources import WHEELS
-from armadico.launch.run import Run
+from armadico.launch.run import RobotRun
 from armadico.launch.society import (
     VIRTUAL,
     Member,
@@ -78,7 +78,7 @@ class Machine(Device, Protocol):
         """It goes down in order."""
 
 
-class Rehearsal(Run):
+class Rehearsal(RobotRun):
     """One scenario on a virtual mesh. `run` drives it to its end; faults may be put in between."""
 
     mode = VIRTUAL

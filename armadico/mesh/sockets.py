@@ -7,6 +7,7 @@ a killed process has left behind is in nobody's way.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import re
@@ -96,6 +97,23 @@ def holder(path: Path) -> Holder | None:
         return None
     pid, uid, _ = struct.unpack("3i", peer)
     return Holder(pid, uid)
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process that lives has a file locked."""
+    try:
+        with path.open() as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        pass
+    return False
+
+
+def is_deleted(path: Path) -> bool:
+    """Whether a router listens on a socket whose file has been deleted: nobody can connect."""
+    return not path.exists() and is_held(path.with_name(f"{path.name}.lock"))
 
 
 def answers(endpoint: str, within: float) -> bool:

@@ -210,6 +210,11 @@ class ZenohMesh(Reader, Monotonic):
         if self.hung:
             return f"the router at {self.hung} does not answer; continue its process, or restart it"
         own = [str(self._socket())] if self._where.socket else []
+        if own and sockets.is_deleted(self._socket()):
+            return (
+                f"the socket {own[0]} was deleted while a robot agent listens on it: end its"
+                " society (`armadico down`, or Ctrl-C where it was started) and start it again"
+            )
         places = " or ".join([*own, *self._where.connect])
         return f"no robot agent at {places}; start one with `armadico up`"
 

@@ -61,7 +61,7 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 )
 
 RUNS = {
-    *("command", "explore_command", "run", "live_fleet", "local_fleet", "attached_fleet", "view"),
+    *("command", "explore_command", "run", "local_fleet", "attached_fleet", "view"),
     *("up", "down", "supervisor", "virtual_host", "mcp_answers", "mcp_lines", "mcp_server"),
 }
 """The modules of a wing that are no agent and no method: its commands, runs and views."""

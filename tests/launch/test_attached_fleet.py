@@ -33,9 +33,8 @@ class Attached:
     def __init__(self, robots: int = 2, wanted: int | None = None, limit: float = 300.0) -> None:
         self.band = Band(HERE[:robots], (), seed=1)
         self.said: list[str] = []
-        self.fleet = AttachedFleet(
-            LIST, Options(limit=limit), wanted, "f", self._join, self.said.append
-        )
+        self.fleet = AttachedFleet(LIST, Options(limit=limit), wanted, "f", self._join)
+        self.fleet.report_to(self.said.append)
 
     def run(self, at: float = 0.0, then: Callable[[], object] = lambda: None) -> FleetResult:
         """To its end; `then` happens once the list has been worked on for so long, s."""
@@ -211,10 +210,7 @@ def test_a_list_that_was_left_is_replaced_if_that_is_asked_for() -> None:
     assert not attached.run().passed
     for name in attached.band.names:
         attached.stop(name, stopped=False, count=1000)
-    said: list[str] = []
-    again = AttachedFleet(
-        LIST, Options(limit=300.0), None, "f", attached._join, said.append, replace=True
-    )
+    again = AttachedFleet(LIST, Options(limit=300.0), None, "f", attached._join, replace=True)
     with again:
         result = again.run()
     assert result.passed, result.verdict
@@ -226,7 +222,7 @@ def test_who_does_not_answer_is_not_asked_for_ever() -> None:
         fleet.find()
         fleet.start()
         attached.band.kill("f/r1")
-        fleet.watch.begin(fleet.hand_over(), attached.band.mesh.now)
+        fleet.begin()
         assert attached.heard("no fleet agent takes the list of tasks (namespace 'f/r1')")
     sharing = attached.band.fleet("f/r2").sharing
     assert sharing is not None

@@ -60,7 +60,7 @@ def test_a_step_of_every_clock_gives_no_task_of_a_fleet_back() -> None:
     scenario = replace(FLEET, tasks=FLEET.tasks[:1] + FLEET.tasks[9:11], look_s=2.0)
     fleet = FleetRehearsal(scenario, Options(seed=1), 2)
     stepped = Stepped(fleet.mesh)
-    result = fleet.run(stop=lambda: stepped.go_on() or False)
+    result = fleet.run(lambda _: stepped.go_on())
     assert stepped.steps >= len(fleet.mesh.nodes), "each was stepped on the way"
     assert result.passed, result.verdict
     assert stepped.blamed() == []

@@ -49,13 +49,12 @@ def test_a_robot_that_dies_on_the_way_stands_there_and_the_others_do_its_tasks()
     fleet = FleetRehearsal(SHORT, Options(seed=2), 2)
     dies, lives = fleet.names
 
-    def kill() -> bool:
+    def kill(_: FleetWatch) -> None:
         holds = fleet.watch.status.get("r1")
         if holds is not None and holds.holds and fleet.mesh.now > 12.0:
             fleet.kill(dies)
-        return False
 
-    result = fleet.run(stop=kill)
+    result = fleet.run(kill)
     assert result.done == result.tasks, result.verdict
     assert not result.twice
     assert not any(node.alive for node in fleet.mesh.nodes if node.namespace == dies)
@@ -83,10 +82,3 @@ def test_a_fleet_needs_tasks_and_robots_stand_beside_each_other() -> None:
     crowded = replace(FLEET, others=((1.6, 1.5, 0.0),))
     with pytest.raises(ConfigError, match=r"cannot start at 1\.\d, 1\.5"):
         FleetRehearsal(crowded, Options(), 2)
-
-
-def test_a_time_limit_ends_it() -> None:
-    result = run(SHORT, 1, 1, limit=5.0)
-    assert result.done < result.tasks
-    assert result.limit_s == 5.0
-    assert not result.passed

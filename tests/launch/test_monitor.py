@@ -402,7 +402,7 @@ def test_where_the_budget_is_spent_another_host_is_asked() -> None:
     society = Society(TWO).let_pass(6.0)
     agent = society.run.hosts["b"].wakeup.agent
     assert isinstance(agent, Wakeup)
-    agent.supervision.budget = Budget(0, 30.0)
+    agent.budget = Budget(0, 30.0)
     society.mesh.node("goto").hang()
     society.back("goto", 20.0)
     assert society.host_of("goto") == "a"

@@ -82,12 +82,3 @@ def test_a_file_that_says_nothing_sensible_names_nobody(text: str) -> None:
         with pytest.raises(TakenError) as caught, PidFile("robot1", "lab1"):
             pass
         assert caught.value.share is None
-
-
-def test_without_a_runtime_folder_there_is_one_of_this_users(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv(RUNTIME_VARIABLE)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert folder().parent == tmp_path
-    assert folder().stat().st_mode & 0o077 == 0

@@ -6,6 +6,8 @@ from random import Random
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from armadico.agents.supervision.messages import (
     HostShare,
@@ -18,7 +20,10 @@ from armadico.agents.supervision.messages import (
 from armadico.agents.supervision.wakeup import (
     CARD_S,
     HEARD_S,
+    IN_THE_WAY_S,
     MONITOR_S,
+    NEWCOMER_S,
+    PAUSES_S,
     START_S,
     Do,
     Event,
@@ -31,7 +36,7 @@ from armadico.agents.supervision.wakeup import (
 )
 from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
 from armadico.core.messages import PROTOCOL, Card, Message, MonitorReport
-from armadico.core.restart_policy import IN_THE_WAY_S, MISUSED, NEWCOMER_S
+from armadico.core.restart_policy import MISUSED
 
 GOTO = 11
 AVOID = 12
@@ -47,6 +52,7 @@ class Bench:
         self.now = 100.0
         self.said: list[Message] = []
         self.orders: list[Order] = []
+        self.started: list[float] = []  # when processes were, s
         self.asked: list[AskFor] = []
         self.answers: list[WakeupReply] = []
         self.agent.start(self.now)
@@ -72,6 +78,7 @@ class Bench:
                 case Answer(_, WakeupReply() as reply):
                     self.answers.append(reply)
         self.orders += found
+        self.started += [self.now for order in found if order.do is Do.START]
         return found
 
     def done(self) -> list[tuple[Do, str]]:
@@ -235,6 +242,72 @@ def test_one_that_dies_again_and_again_is_given_up_with_its_last_words() -> None
     assert not bench.share().leaving, "somebody is to miss them"
 
 
+def test_who_keeps_ending_waits_longer_each_time_and_another_does_not() -> None:
+    bench = Bench(restarts=10)
+    for pid, pause in enumerate((*PAUSES_S, PAUSES_S[-1]), start=21):
+        bench.ends("goto")
+        if pause:
+            assert bench.pass_time(0.9 * pause) == []
+        assert bench.pass_time(0.11 * pause) == [(Do.START, "goto")]
+        bench.begins("goto", pid)
+    bench.ends("avoid")
+    assert bench.pass_time(0.0) == [(Do.START, "avoid")]
+
+
+@pytest.mark.parametrize(("after", "do"), [(29.9, Do.GIVE_UP), (30.0, Do.START)])
+def test_the_budget_is_that_of_all_and_what_is_long_ago_is_forgotten(after: float, do: Do) -> None:
+    bench = Bench(restarts=1)
+    bench.ends("goto")
+    bench.pass_time(0.0)
+    bench.begins("goto", 21)
+    bench.meet("goto-2", 21)
+    bench.pass_time(after)
+    bench.ends("avoid")
+    assert do in [*(order.do for order in bench.take()), *(d for d, _ in bench.pass_time(0.0))]
+
+
+def test_several_that_end_at_once_count_before_they_are_started() -> None:
+    bench = Bench(restarts=1)
+    bench.ends("goto")
+    assert Do.GIVE_UP not in [order.do for order in bench.take()]
+    bench.ends("avoid")
+    assert Do.GIVE_UP in [order.do for order in bench.take()]
+
+
+def test_a_failure_does_not_pay_for_a_restart_on_request() -> None:
+    bench = Bench(restarts=1)
+    assert bench.request(WakeupOrder.RESTART, "goto") == ""
+    bench.ends("goto")
+    bench.pass_time(0.0)
+    bench.begins("goto", 21)
+    bench.ends("avoid")
+    assert bench.pass_time(0.0) == [(Do.START, "avoid")]
+    bench.begins("avoid", 22)
+    bench.ends("goto")
+    assert Do.GIVE_UP in [order.do for order in bench.take()], "this one failed"
+
+
+@given(
+    restarts=st.integers(0, 6),
+    within=st.floats(0.5, 40.0),
+    gaps=st.lists(st.floats(0.0, 10.0), max_size=30),
+)
+def test_no_window_holds_more_starts_than_the_budget(
+    restarts: int, within: float, gaps: list[float]
+) -> None:
+    bench = Bench(restarts=restarts, within_s=within)
+    for number, gap in enumerate(gaps):
+        bench.pass_time(gap)
+        label = ("goto", "avoid")[number % 2]
+        bench.ends(label)
+        if Do.GIVE_UP in [order.do for order in bench.take()]:
+            break
+        bench.pass_time(PAUSES_S[-1])
+        bench.begins(label, 100 + number)
+    for first in bench.started:
+        assert sum(first <= at < first + within for at in bench.started) <= restarts
+
+
 def test_who_could_not_begin_at_all_is_given_up() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
@@ -254,6 +327,28 @@ def test_whom_somebody_gets_in_the_way_of_is_tried_again_and_the_others_go_on(
     assert said == ["goto left: somebody is in its way"]
     assert bench.pass_time(IN_THE_WAY_S[0] - 0.01) == []
     assert bench.pass_time(0.02) == [(Do.START, "goto")]
+
+
+def test_who_is_kept_out_waits_longer_each_time_without_spending_the_budget_until_it_works() -> (
+    None
+):
+    bench = Bench(restarts=1)
+    bench.pass_time(NEWCOMER_S)
+    for pid, pause in enumerate((*IN_THE_WAY_S, IN_THE_WAY_S[-1]), start=21):
+        bench.ends("goto", MISUSED)
+        bench.take()
+        assert bench.pass_time(0.9 * pause) == []
+        assert bench.pass_time(0.11 * pause) == [(Do.START, "goto")]
+        bench.begins("goto", pid)
+    bench.ends("avoid")
+    assert bench.pass_time(0.0) == [(Do.START, "avoid")], "it is the first restart"
+    bench.meet("goto-2", 24)
+    bench.ends("goto", MISUSED)
+    bench.take()
+    assert bench.pass_time(IN_THE_WAY_S[0] + 0.01) == [(Do.START, "goto")]
+    bench.begins("goto", 25)
+    bench.ends("goto", 1)
+    assert Do.GIVE_UP in [order.do for order in bench.take()], "now it failed itself"
 
 
 def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early() -> None:

@@ -29,8 +29,9 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from armadico.core.services import BIDS
 from armadico.launch.local import Launcher
-from armadico.launch.processes import SIMULATOR, Process
+from armadico.launch.processes import SIMULATOR, Process, ProcessTable
 from armadico.launch.society import Member, Options
+from armadico.mesh.base import Mesh
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
@@ -47,22 +48,27 @@ LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.
 """8 m straight on, nothing in the way: goto alone has anything to do."""
 
 
-class Tapped(Launcher):
-    """A launcher that puts a tap between the robot agent and its simulator.
+class Linked(ProcessTable):
+    """Links the simulator to the observer, which sees the truth without a robot agent, too."""
 
-    The simulator is linked to the observer, which sees the truth without a robot agent, too.
-    """
+    def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
+        more = joining_observer(self.namespace) if name == SIMULATOR else ()
+        return super().start(name, [*words, *more], listen=listen)
+
+
+class Tapped(Launcher):
+    """A launcher that puts a tap between the robot agent and its simulator."""
 
     tap: Tap | None = None
+
+    def __init__(self, scenario: Scenario, options: Options, mesh: Mesh, namespace: str) -> None:
+        super().__init__(scenario, options, mesh, namespace)
+        self.table = Linked(namespace, logs=self.table.logs)
 
     def start_simulator(self, port: int = 0) -> str:
         url = super().start_simulator(port)
         self.tap = self.tap or Tap(url)
         return self.tap.url
-
-    def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
-        more = joining_observer(self._namespace) if name == SIMULATOR else ()
-        return super()._process(name, [*words, *more], listen=listen)
 
     def stop(self) -> None:
         super().stop()

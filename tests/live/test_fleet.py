@@ -82,17 +82,24 @@ def told(process: subprocess.Popen[str], what: str) -> None:
         said += line
 
 
-def test_two_robots_do_two_tasks_and_leave_nothing(run: Start, tmp_path: Path) -> None:
+def test_two_robots_do_two_tasks_and_leave_nothing_and_a_second_fleet_is_refused(
+    run: Start, tmp_path: Path
+) -> None:
     process = run(*words(tmp_path, "--json"))
     held()
     everybody = children(process.pid)
     assert len(everybody) == 7, "a simulator, and three processes a robot"
+    second = run(*words(tmp_path))
+    _, errors = second.communicate(timeout=SOON)
+    assert second.returncode == 1
+    assert f"a fleet named '{FLEET}' is there already, with r1, r2: " in errors
     out, errors = process.communicate(timeout=100.0)
     assert process.returncode == 0, errors
     result = json.loads(out)
     assert result["done"] == 2
     assert sorted(task for row in result["robots"] for task in row["tasks"]) == [0, 1]
     assert all_gone(everybody)
+    assert not [*tmp_path.glob("armadico-*")], "no logs of a run that ended well"
 
 
 @pytest.mark.parametrize("how", [SIGINT, SIGKILL])
@@ -103,16 +110,6 @@ def test_whatever_ends_it_nothing_is_left(run: Start, tmp_path: Path, how: int) 
     process.send_signal(how)
     process.communicate(timeout=SOON)
     assert all_gone(everybody)
-
-
-def test_a_second_fleet_of_the_same_name_is_refused(run: Start, tmp_path: Path) -> None:
-    first = run(*words(tmp_path))
-    held()
-    second = run(*words(tmp_path))
-    _, errors = second.communicate(timeout=SOON)
-    assert second.returncode == 1
-    assert f"a fleet named '{FLEET}' is there already, with r1, r2: " in errors
-    assert first.poll() is None
 
 
 def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_by_ctrl_c(

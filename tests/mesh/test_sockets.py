@@ -222,3 +222,13 @@ def test_a_robot_whose_router_was_killed_is_not_here_though_its_socket_is() -> N
         pass
     assert fleet_sockets("lab/r1") == [socket_of("lab/r2")]
     assert fleet_here("lab/r1") == ()
+
+
+def test_a_socket_that_was_deleted_under_a_router_is_said_with_what_helps(base: Path) -> None:
+    with ZenohMesh("robot1", topology(router=True)):
+        socket_of("robot1").unlink()
+        with ZenohMesh("robot1", topology(), starts=True) as mesh:
+            assert "was deleted while a robot agent listens on it" in mesh.missing
+            assert "`armadico down`" in mesh.missing
+    with ZenohMesh("robot1", topology(), starts=True) as mesh:
+        assert "start one with `armadico up`" in mesh.missing

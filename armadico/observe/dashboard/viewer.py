@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import socket
-import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 from urllib.parse import urlencode
 
@@ -23,12 +20,15 @@ import rerun_cli
 
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.observe.screen import has_screen
+from armadico.runtime.programs import Program, end
 
 VIEWER_MEMORY: Final = "1GB"
 """What a native viewer keeps before it drops the oldest data."""
 
 START_S: Final = 15.0
-LEAVE_S: Final = 3.0
+
+WORDS: Final = 20
+"""So many lines of its last words are shown."""
 
 ESTABLISHED: Final = "01"
 """A connection's state, as the kernel lists it."""
@@ -42,21 +42,15 @@ class ViewerError(RuntimeError):
     """The viewer cannot be had; the message says why, and what to do."""
 
 
-class Viewer:
+class Viewer(Program):
     """One process of rerun's; a context manager that leaves nothing running."""
 
     def __init__(self, arguments: Sequence[str], port: int, log: str = "info") -> None:
         """Start it; `port` is where it will listen, `log` what it says. Raises ViewerError."""
         self.port = port
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the viewer
-        self.popen = subprocess.Popen(
-            [str(binary()), "--bind", LOOPBACK, *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=self._log,
-            stderr=self._log,
-            env={**os.environ, "RUST_LOG": log},
-            start_new_session=True,  # Ctrl-C is the dashboard's; it ends the viewer in order
-        )
+        self._file = tempfile.NamedTemporaryFile()  # noqa: SIM115 - closed with the viewer
+        argv = [str(binary()), "--bind", LOOPBACK, *arguments]
+        super().__init__("viewer", argv, Path(self._file.name), env={"RUST_LOG": log})
         try:
             self._await_port()
         except BaseException:
@@ -66,38 +60,18 @@ class Viewer:
     def __enter__(self) -> Viewer:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
-
-    def ended(self) -> bool:
-        """Whether it is gone, as when somebody closes its window."""
-        return self.popen.poll() is not None
 
     def check(self) -> None:
         """Raise ViewerError, with its last words, if it is gone: it listens before it draws."""
         if self.ended():
-            raise _explained(self.last_words())
-
-    def last_words(self) -> str:
-        """The end of what it wrote."""
-        self._log.seek(0)
-        return self._log.read().decode(errors="replace").strip()[-1500:]
+            raise _explained(self.last_words(WORDS))
 
     def stop(self) -> None:
         """End it, in order if it can, and within a few seconds."""
-        if not self.ended():
-            self.popen.send_signal(signal.SIGTERM)
-            try:
-                self.popen.wait(LEAVE_S)
-            except subprocess.TimeoutExpired:
-                self.popen.kill()
-                self.popen.wait()
-        self._log.close()
+        end(self.popen)
+        self._file.close()
 
     def _await_port(self) -> None:
         deadline = time.monotonic() + START_S

@@ -21,9 +21,10 @@ import psutil
 from armadico.config.scenarios import load_scenario, with_sensors
 from armadico.core.services import TOKEN
 from armadico.launch.local import Launcher
-from armadico.launch.processes import SIMULATOR, command_line, end
+from armadico.launch.processes import SIMULATOR, command_line
 from armadico.launch.society import Options
 from armadico.mesh import sockets
+from armadico.runtime.programs import end
 from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.testbed import Place
 

@@ -157,13 +157,12 @@ def whole(task: tuple[int, int, bool, str]) -> Whole:
     fleet = FleetRehearsal(scenario, Options(seed=seed), robots)
     dies = fleet.names[seed % robots]
 
-    def stop() -> bool:
+    def kill(_: object) -> None:
         half = 2 * len(fleet.watch.done) >= fleet.watch.tasks
         if killed and half and fleet.alive(dies):
             fleet.kill(dies)
-        return False
 
-    result = fleet.run(stop=stop)
+    result = fleet.run(kill)
     clear = [row.min_clearance_m for row in result.robots if row.min_clearance_m is not None]
     return Whole(
         robots=robots,

@@ -22,7 +22,7 @@ from typing import Any, Final, Protocol, Self
 
 from armadico.cli.options import FailedError, end_as_by_ctrl_c, guarded
 from armadico.config.hosts import load_hosts
-from armadico.launch.processes import end
+from armadico.runtime.programs import end
 from armadico_tools.testbed import TABLE
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
