@@ -128,60 +128,6 @@ def draw_run(world: World, run: Run, out: Path | str | BinaryIO) -> None:
     canvas.save(out)
 
 
-@dataclass(frozen=True)
-class Trace:
-    """Something of one agent's over time, then and now: (s, value), NaN where there is none."""
-
-    name: str
-    then: Sequence[tuple[float, float]]
-    now: Sequence[tuple[float, float]]
-
-
-def draw_otherwise(
-    world: World,
-    paths: tuple[Sequence[Pose], Sequence[Pose]],
-    utilities: Sequence[Trace],
-    speeds: Sequence[Trace],
-    words: tuple[str, str],
-    path_out: Path | str,
-) -> None:
-    """A PNG of what was decided, and what would have been: both paths, utilities and speeds.
-
-    Args:
-        world: What is drawn under the paths.
-        paths: The one that was driven, and the other.
-        utilities: Of each agent.
-        speeds: That each agent wanted, m/s.
-        words: A title, and a line below it.
-        path_out: The file.
-    """
-    canvas = Canvas(world, place=(0.045, 0.125, 0.5, 0.735))
-    canvas.heading(*words)
-    for number, (label, poses) in enumerate(zip(("as it was", "otherwise"), paths, strict=True)):
-        if poses:
-            xs, ys = zip(*(canvas.at(x, y) for x, y, _ in poses), strict=True)
-            look: dict[str, Any] = {"color": (INK, PARTICLE)[number], "linestyle": LINES[number]}
-            (line,) = canvas.axes.plot(xs, ys, linewidth=2.2, zorder=4 + number, **look)
-            canvas.legend[label] = line
-    if paths[0]:
-        canvas.poses(paths[0][0], None, ())
-    rows = (("utility", utilities), ("wanted speed, m/s", speeds))
-    for row, (what, traces) in enumerate(rows):
-        axes = canvas.figure.add_axes((0.61, 0.525 - 0.4 * row, 0.37, 0.335))
-        axes.set_title(what, loc="left", fontsize=11, color=INK)
-        axes.grid(color=FAINT)
-        axes.tick_params(labelsize=9, colors=SOFT)
-        for trace in traces:
-            for style, points in zip(LINES, (trace.then, trace.now), strict=False):
-                if points:
-                    look = {"color": colour(trace.name), "linestyle": style, "linewidth": 1.6}
-                    (line,) = axes.plot(*zip(*points, strict=True), **look)
-                    canvas.legend.setdefault(trace.name, line)
-        if row == len(rows) - 1:
-            axes.set_xlabel("s of the recording", fontsize=9, color=SOFT)
-    canvas.save(path_out)
-
-
 def draw_localized(
     world: World,
     paths: Sequence[tuple[str, Sequence[tuple[float, float]]]],
