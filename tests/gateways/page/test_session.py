@@ -408,6 +408,16 @@ def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage)
     assert not answer["ok"]  # nobody plans missions here
 
 
+def test_without_capabilities_the_page_drives_and_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armadico.gateways.page.model.capabilities", lambda: ())
+    stage = Stage()
+    stage.ready()
+    assert not {"board", "hand"} & stage.parts.keys()
+    assert "order" in stage.answer(stage.say("page 1", "order", mission="surveillance"))["text"]
+    assert stage.answer(stage.say("page 1", "go", x=1.0, y=0.0))["ok"]
+    assert stage.answer(stage.say("page 1", "stop"))["ok"]
+
+
 # Parameters ---------------------------------------------------------------------------------------
 
 
