@@ -45,7 +45,7 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import ranges_of
 from armadico.observe.translators import Channel, Sample
-from armadico.observe.view import FRESH_CYCLES, agent_of, driver
+from armadico.observe.view import FRESH_CYCLES, View, agent_of, driver
 
 MAP: Final = "map"
 """The frame that all robots of a mesh share."""
@@ -110,12 +110,8 @@ _SAID: Final = (
 )
 """All that samples are given on."""
 
-_KEPT: Final[dict[type[m.Message], str]] = {
-    m.Description: "_description",
-    BatteryLevel: "_level",
-    MissionStatus: "_mission",
-}
-"""What is known just as it was last said."""
+_VIEWED: Final = (m.RobotState, Pose, m.Description, BatteryLevel, MissionStatus)
+"""Of these the newest one is looked up in a view."""
 
 _Said = tuple[_Topic, IdlStruct]
 """A topic and a sample."""
@@ -149,7 +145,7 @@ class Society:
         # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
         self.about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
         self._states: deque[_State] = deque(maxlen=STATES)
-        self._base: Pose2 | None = None  # of the robot in the map, as it was last said
+        self._view = View()
         self._odom: Pose2 | None = None  # where the odometry's origin lies in it
         self._sonars: dict[tuple[float, float, float], str] = {}
         self._scan: tuple[int, int] | None = None  # the epoch and number of the newest
@@ -157,12 +153,6 @@ class Society:
         self._local: dict[str, LocalMap] = {}
         self._grid: OccupancyGrid | None = None
         self._path: tuple[object, ...] | None = None
-        self._level: BatteryLevel | None = None
-        self._state: m.RobotState | None = None
-        self._pose: Pose | None = None
-        self._mission: MissionStatus | None = None
-        self._description: m.Description | None = None
-        self._acks: dict[str, m.Ack] = {}
         self._battery_at = self._told_at = 0  # ns: not before then
         self._takers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Said]]] = {
             m.RobotState: self._take_state,
@@ -174,11 +164,8 @@ class Society:
             OccupancyGrid: self._take_grid,
             Trajectory: self._take_trajectory,
             m.Ack: self._take_ack,
-            m.Description: self._keep,
-            BatteryLevel: self._keep,
-            MissionStatus: self._keep,
         }
-        self.kinds: Sequence[type[m.Message]] = tuple(self._takers)
+        self.kinds: Sequence[type[m.Message]] = tuple(dict.fromkeys((*self._takers, *_VIEWED)))
 
     # Messages in, samples out ---------------------------------------------------------------------
 
@@ -190,16 +177,17 @@ class Society:
         if self._world is not None:
             yield _MAP, occupancy(drawn(self._world), self._on_map(at))
             self._world = None
+        if isinstance(message, _VIEWED):
+            self._view.learn(message, at / 1e9)
         taker = self._takers.get(type(message))
         if taker is not None:
             yield from taker(key, message, at)
-        if at >= self._told_at and (self._state is not None or self._acks):
+        if at >= self._told_at and (self._view.state is not None or self._view.acks):
             yield _DIAGNOSTICS, self._diagnostics(at)
 
     def _take_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Said]:
         here = (state.x, state.y, state.theta)
         self._states.append(_State(state.cycle, at, here))
-        self._state = state
         yield _OWN_TF, types.TFMessage([self._transform(at, self._prefix + ODOM, BASE, here)])
         speeds = types.Twist(types.Vector3(state.v), types.Vector3(z=state.w))
         yield (
@@ -211,20 +199,22 @@ class Society:
                 types.TwistWithCovariance(speeds),
             ),
         )
-        if self._pose is not None and self._pose.cycle == state.cycle:
-            yield self._corrected(self._pose, self._states[-1])  # it has overtaken the state
+        pose = self._view.pose
+        if pose is not None and pose.cycle == state.cycle:
+            yield self._corrected(pose, self._states[-1])  # it has overtaken the state
         if at >= self._battery_at:
             self._battery_at = at + int(EACH_S * 1e9)
             yield _BATTERY, self._battery(state, at)
 
     def _take_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Said]:
-        self._pose, self._base = pose, (pose.x, pose.y, pose.theta)
         state = self._at(pose.cycle)
         stamp = at if state is None else state.at
         if state is not None:
             yield self._corrected(pose, state)
         header = self._on_map(stamp)
-        known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
+        known = types.PoseWithCovariance(
+            pose_of((pose.x, pose.y, pose.theta)), _covariance(pose.covariance)
+        )
         yield _POSE, types.PoseWithCovarianceStamped(header, known)
 
     def _corrected(self, pose: Pose, state: _State) -> _Said:
@@ -249,7 +239,7 @@ class Society:
                 ),
             )
         stamp = self._stamp(sonar.cycle, at)
-        said = self._description
+        said = self._view.description
         limits = (0.0, 0.0) if said is None else (said.cone, said.nearest)
         for echo in sonar.echoes:
             frame = self._sonars.get((echo.x, echo.y, echo.bearing))
@@ -284,17 +274,14 @@ class Society:
             places = [(x, y, math.atan2(places[0][1] - y, places[0][0] - x)), *places]
         yield _PATH, types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
 
-    def _take_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
-        before = self._acks.get(ack.resource)
-        if before is None and len(self._acks) >= MOST:
+    def _take_ack(self, _: str, ack: m.Ack, at: int) -> Iterator[_Said]:
+        known = self._view.acks
+        before = known.get(ack.resource)
+        if before is None and len(known) >= MOST:
             return
-        self._acks[ack.resource] = ack
+        self._view.learn(ack, at / 1e9)
         if before is None or driver(before) != driver(ack):
             self._told_at = 0
-        yield from ()
-
-    def _keep(self, _: str, message: m.Message, _at: int) -> Iterator[_Said]:
-        setattr(self, _KEPT[type(message)], message)
         yield from ()
 
     def _take_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Said]:
@@ -357,7 +344,8 @@ class Society:
     # Samples --------------------------------------------------------------------------------------
 
     def _battery(self, state: m.RobotState, at: int) -> types.BatteryState:
-        share = math.nan if self._level is None else self._level.share
+        level = self._view.level
+        share = math.nan if level is None else level.share
         return types.BatteryState(
             self._header(at, BASE),
             voltage=state.battery_v,
@@ -374,9 +362,9 @@ class Society:
     def _diagnostics(self, at: int) -> types.DiagnosticArray:
         """Who drives, and how the robot is."""
         self._told_at = at + int(EACH_S * 1e9)
-        known = [self._holder(ack) for _, ack in sorted(self._acks.items())]
-        if self._state is not None:
-            known.append(self._health(self._state))
+        known = [self._holder(ack) for _, ack in sorted(self._view.acks.items())]
+        if self._view.state is not None:
+            known.append(self._health(self._view.state))
         return types.DiagnosticArray(types.Header(stamp_of(at)), known)
 
     def _holder(self, ack: m.Ack) -> types.DiagnosticStatus:
@@ -399,23 +387,25 @@ class Society:
             "motors": str(state.motors).lower(),
             "battery": f"{state.battery_v:.1f}",
         }
-        if self._mission is not None:
-            values["mission"] = self._mission.state.value
-            values["mission note"] = self._mission.note
+        mission, pose = self._view.mission, self._view.pose
+        if mission is not None:
+            values["mission"] = mission.state.value
+            values["mission note"] = mission.note
         level, said = OK, "well"
         if state.stalled:
             level, said = WARN, "stalled"
         if state.stop.stopped:
             level, said = WARN, f"stopped by {state.stop.who}"
-        if self._pose is not None and self._pose.deviation > LOST_M:
-            level, said = ERROR, f"lost: the pose is {self._pose.deviation:.1f} m off"
+        if pose is not None and pose.deviation > LOST_M:
+            level, said = ERROR, f"lost: the pose is {pose.deviation:.1f} m off"
         return self._status(level, "robot", said, values)
 
     def _status(
         self, level: int, what: str, said: str, values: dict[str, str]
     ) -> types.DiagnosticStatus:
         pairs = [types.KeyValue(name, value) for name, value in values.items()]
-        robot = "" if self._description is None else self._description.robot
+        described = self._view.description
+        robot = "" if described is None else described.robot
         return types.DiagnosticStatus(level, self._prefix + what, said, robot, pairs)
 
     # Goals ----------------------------------------------------------------------------------------
@@ -437,10 +427,11 @@ class Society:
 
     def _frame(self, frame: str) -> Pose2:
         """Where a frame lies in the map. Raises ValueError."""
+        pose = self._view.pose
         known = {
             MAP: (0.0, 0.0, 0.0),
             self._prefix + ODOM: self._odom,
-            self._prefix + BASE: self._base,
+            self._prefix + BASE: None if pose is None else (pose.x, pose.y, pose.theta),
         }
         name = frame.removeprefix("/")
         if name not in known:
