@@ -115,8 +115,9 @@ def translated(
     file, count = McapFile(out, others[0].about, others[0].profile), 0
     try:
         for row in rows(path, warn):
-            message = row.received
-            for each in made.get(row.namespace, ()) if message is not None else ():
+            if (message := row.received) is None:
+                continue
+            for each in made.get(row.namespace, ()):
                 for sample in each.take(row.key, message, row.t):
                     file.add_sample(sample, row.t)
                     count += 1

@@ -103,7 +103,9 @@ class _Scene:
         if run.mapped is not None:
             canvas.mapped(run.mapped)
         canvas.poses(run.start, run.goal, run.waypoints, world.docks.values())
-        self._lines = [(line, *line.get_data()) for line in canvas.path(run.path)]
+        self._lines: list[tuple[Any, Any, Any]] = [
+            (line, *line.get_data()) for line in canvas.path(run.path)
+        ]
         canvas.explain()
         tenures = [len(list(steps)) for _, steps in groupby(run.path, key=lambda step: step[4])]
         self._ends = list(accumulate(tenures))
