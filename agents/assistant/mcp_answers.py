@@ -14,9 +14,10 @@ from armadico.config.worlds import Segment, World
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.mobile.obstacles import Obstacles
+from armadico.observe import described
+from armadico.observe.described import rounded
 from armadico.observe.explained import Collision, Exchange, Press
-from armadico.observe.standing import Installed, standing
-from armadico.observe.view import agent_of
+from armadico.observe.standing import Installed
 from armadico.observe.why import Chronicle
 
 RECORDS: Final = 200
@@ -30,6 +31,9 @@ FINEST_M: Final = 0.2
 
 AROUND_M: Final = 5.0
 """Without a world the picture shows so far around the robot."""
+
+BOARD: Final = ("number", "name", "state", "by", "doing", "note")
+"""What is told of a mission on the board."""
 
 ARROWS: Final = ">^<v"
 
@@ -69,11 +73,10 @@ class Society(Chronicle):
         view, state, pose = self.view, self.view.state, self.view.pose
         if state is None:
             return {"heard": False, "note": "nothing is heard of a robot"}
-        driver = view.driver(WHEELS.name, now)
         found: dict[str, Any] = {
-            "heard": view.hears_robot(now),  # or what follows is as it last said
-            "speed": {"v": round(state.v, 3), "w": round(state.w, 3)},
-            "driver": None if driver is None else agent_of(driver),
+            "heard": view.hears_robot(now),  # if not, what follows is as it last reported
+            "speed": rounded({"v": state.v, "w": state.w}),
+            "driver": described.resource(view, WHEELS.name, now)["obeyed"],
             "stop": {"stopped": view.stopped(now), "by": state.stop.by},
             "battery": view.battery,
         }
@@ -84,14 +87,8 @@ class Society(Chronicle):
                 "heading": round(degrees(pose.theta), 1),
                 "deviation": round(pose.deviation, 3),
             }
-        if view.mission is not None:
-            mission = view.mission
-            found["mission"] = {
-                "number": str(mission.mission),
-                "state": mission.state,
-                "to_go": round(mission.to_go, 2),
-                "note": mission.note,
-            }
+        if (mission := described.mission(view)) is not None:
+            found["mission"] = rounded(mission, 2)
         return found
 
     def map(self) -> dict[str, Any]:
@@ -140,23 +137,14 @@ class Society(Chronicle):
         return {
             "available": [{"name": name, "title": what} for name, what in self._missions.items()],
             "board": [
-                {
-                    "number": str(mission.number),
-                    "name": mission.name,
-                    "state": mission.state,
-                    "by": mission.by,
-                    "doing": mission.summary,
-                    "note": mission.note,
-                }
-                for mission in self.view.missions
+                {name: row[name] for name in BOARD}
+                for row in map(described.errand, self.view.missions)
             ],
         }
 
     def why(self, now: float) -> dict[str, Any]:
         """Why the robot stands, as it is seen now."""
-        found = standing(self.view, now, self.installed)
-        cause = None if found.cause is None else msgspec.to_builtins(found.cause)
-        return {"stands": found.stands, "sentences": [*found.sentences], "cause": cause}
+        return described.stands(self.view, now, self.installed)
 
     def moment(self) -> dict[str, Any]:
         """The moment that was marked last: who holds what, and what the others would do."""

@@ -1,4 +1,4 @@
-"""Show a society live in Rerun: the global and the local map, utilities and holders over time.
+"""Show a society live in Rerun: the global and the local map, and utilities over time.
 
 One process that subscribes to the mesh; no agent notices whether it runs, is slow or hangs.
 """
@@ -89,8 +89,8 @@ def zones() -> Zones:
 def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico dashboard",
-        "Show a society live in Rerun: the global and the local map, utilities and holders over"
-        " time. Everything is served on this machine's loopback only.",
+        "Show a society live in Rerun: the global and the local map, and utilities over time."
+        " Everything is served on this machine's loopback only.",
         EXAMPLES,
     )
     where = made.add_mutually_exclusive_group()

@@ -18,7 +18,6 @@ from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
-    from armadico.gateways.page.asked import Shipped
     from armadico.gateways.page.guard import Guard
     from armadico.gateways.page.session import Session, Spawns
     from armadico.mesh.base import Mesh
@@ -75,23 +74,11 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Host
     from armadico.gateways.page.model import Robot  # noqa: PLC0415 - not for --help
     from armadico.gateways.page.session import Session  # noqa: PLC0415 - not for --help
 
-    known = missions()
     helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(m.namespace, world, known, _bits64, helpers, providers, hosts)
-        for m in meshes
+        m.namespace: Robot(m.namespace, world, _bits64, helpers, providers, hosts) for m in meshes
     }
     return Session(robots, meshes, start)
-
-
-def missions() -> dict[str, Shipped]:
-    """The missions that come with Armadico, by name."""
-    from armadico.config.errands import load_mission  # noqa: PLC0415 - not for --help
-    from armadico.config.shipped import names  # noqa: PLC0415
-    from armadico.gateways.page.asked import Shipped  # noqa: PLC0415
-
-    found = [load_mission(name) for name in names("missions")]
-    return {each.name: Shipped(each.name, each.title, each.text) for each in found}
 
 
 def parser() -> argparse.ArgumentParser:

@@ -33,7 +33,6 @@ EXAMPLES: Final = """\
   armadico run sc4 --record run.mcap && armadico replay run.mcap
   armadico replay run.mcap --agent goto --agent avoid
   armadico replay run.mcap --set goto.v_max=0.3             what would goto have decided?
-  armadico replay run.mcap --agent goto --set v_max=0.3 --picture otherwise.png
   armadico replay run.mcap --agent goto --rate 1            as fast as it was, bid by bid
 """
 
@@ -55,8 +54,6 @@ def main(argv: Sequence[str]) -> int:
     begun = time.monotonic()
     outcomes = (_all if args.rate is None else _paced)(args, journals, sets)
     took = time.monotonic() - begun
-    if args.picture is not None:
-        _draw(args, past, journals, sets, outcomes)
     if args.json:
         print(_json(past, damage, outcomes, took))
     else:
@@ -104,13 +101,6 @@ def parser() -> argparse.ArgumentParser:
         metavar="X",
         help="X times as fast as it was, telling each new bid; without: as fast as can be",
     )
-    made.add_argument(
-        "--picture",
-        metavar="FILE.png",
-        type=Path,
-        help="draw what was decided and what would be: paths, utilities, speeds of one robot",
-    )
-    made.add_argument("--world", metavar="MAP", help="with --picture: the walls to draw under it")
     made.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
     made.add_argument("--json", action="store_true", help="one JSON object on stdout")
     return made
@@ -125,8 +115,6 @@ def _check(args: argparse.Namespace) -> None:
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs {args.jobs}: at least 1")
     options.need("mcap", "record")
-    if args.picture is not None:
-        options.need("matplotlib", "plot")
 
 
 def _chosen(args: argparse.Namespace, past: Past) -> list[Journal]:
@@ -236,55 +224,6 @@ def _bid(bid: BidRecord) -> str:
 
 def _numbers(values: Sequence[float]) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
-
-
-def _draw(
-    args: argparse.Namespace,
-    past: Past,
-    journals: Sequence[Journal],
-    sets: dict[str, tuple[str, ...]],
-    outcomes: Sequence[Outcome],
-) -> None:
-    """Those who were set otherwise, or decide otherwise, or were named. Raises UsageError."""
-    from armadico.config.worlds import World, load_world  # noqa: PLC0415 - not for --help
-    from armadico.observe.otherwise import Seen, other_path, wanted  # noqa: PLC0415
-    from armadico.observe.pictures import Trace, draw_otherwise  # noqa: PLC0415 - heavy
-    from armadico.observe.replay import Replay  # noqa: PLC0415
-
-    spaces = sorted({journal.namespace for journal in journals})
-    if len(spaces) != 1:
-        raise UsageError(f"--picture is of one robot: --namespace {' or '.join(spaces)}")
-    differ = {outcome.instance for outcome in outcomes if outcome.difference is not None}
-    chosen = [each for each in journals if each.head is not None and each.frames]
-    chosen = [each for each in chosen if args.agents or each.instance in differ]
-    seen = Seen.of(past.rows(), spaces[0], past.began)
-    found = [wanted(Replay(each, sets.get(each.name, ())), seen) for each in chosen]
-    walls = options.world(args)
-    named = (each.head.parameters.get("world") for each in past.journals() if each.head)
-    if walls is None and (name := next(filter(None, named), None)) is not None:
-        walls = load_world(name)
-    driven, other = [pose for _, _, pose in seen.poses], other_path(seen, found)
-    world = walls or World("nobody knows where", (), _around([*driven, *other]))
-    names = ", ".join(dict.fromkeys(each.name for each in found)) or "nobody"
-    differs = f", with {', '.join(args.sets)}" if args.sets else ""
-    draw_otherwise(
-        world,
-        (driven, other),
-        [Trace(each.name, each.utilities_then, each.utilities_now) for each in found],
-        [Trace(each.name, each.speeds_then, each.speeds_now) for each in found],
-        (
-            f"{past.path.name}: {names}, then and now{differs}",
-            "Solid: as it was. Dashed: as it would have been, had all that came in stayed so.",
-        ),
-        args.picture,
-    )
-    options.teller("armadico replay")(f"picture: {args.picture}")
-
-
-def _around(poses: Sequence[tuple[float, float, float]]) -> tuple[float, float, float, float]:
-    """A rectangle with some room around all poses, m."""
-    xs, ys = [x for x, _, _ in poses] or [0.0], [y for _, y, _ in poses] or [0.0]
-    return min(xs) - 1.0, min(ys) - 1.0, max(xs) + 1.0, max(ys) + 1.0
 
 
 # What came of it ----------------------------------------------------------------------------------

@@ -95,121 +95,36 @@ class Snapshots:
 
     def at(self, now: float) -> dict[str, Any]:
         """Everything; the time is s of the watcher's clock."""
-        view = self.view
+        from armadico.observe import described  # noqa: PLC0415 - not for --help
+
+        view, stands = self.view, None
+        if view.state is not None:
+            stands = described.stands(view, now, providers, self._hosts)
         return {
             "namespace": self._namespace,
-            "robot": self._robot(),
-            "pose": self._pose(now),
-            "mission": self._mission(),
-            "standing": self._standing(now),
-            "tasks": self.view.tasks,
-            "resources": [self._resource(name, now) for name in view.resources],
-            "agents": [self._agent(agent) for agent in view.agents],
-            "services": [self._service(key, now) for key in sorted(view.rates)],
+            "robot": described.robot(view),
+            "pose": described.pose(view, now),
+            "mission": described.mission(view),
+            "standing": stands,
+            "tasks": view.tasks,
+            "resources": [described.resource(view, name, now) for name in view.resources],
+            "agents": [described.agent(seen) | self._process(seen) for seen in view.agents],
+            "services": [described.service(view, key, now) for key in sorted(view.rates)],
         }
 
-    def _robot(self) -> dict[str, Any] | None:
-        state, stop, level = self.view.state, self.view.stop, self.view.level
-        if state is None:
-            return None
-        return {
-            "v": state.v,
-            "w": state.w,
-            "battery_v": state.battery_v,
-            "battery_share": None if level is None else level.share,
-            "charging": state.charging,
-            "battery": self.view.battery,
-            "stalled": state.stalled,
-            "motors": state.motors,
-            "line": state.line.told,
-            "stopped_by": stop.by if stop.stopped else None,
-            "cycle": state.cycle.number,
-        }
-
-    def _pose(self, now: float) -> dict[str, Any] | None:
-        """Where it is by its own word, and how far off that may be; null: nobody knows."""
-        view, pose = self.view, self.view.pose
-        if pose is None:
-            return None
-        known = bool(pose.covariance)
-        return {
-            "x": pose.x,
-            "y": pose.y,
-            "theta": pose.theta,
-            "deviation_m": pose.deviation if known else None,
-            "deviation_rad": pose.heading_deviation if known else None,
-            "confidence": view.confidence(now),
-            "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
-            "told": view.whereabouts(now),
-        }
-
-    def _mission(self) -> dict[str, Any] | None:
-        mission = self.view.mission
-        if mission is None:
-            return None
-        return {"state": mission.state.value, "to_go": mission.to_go, "note": mission.note}
-
-    def _standing(self, now: float) -> dict[str, Any] | None:
-        """Whether it stands, and why; null: nothing was heard of it."""
-        import msgspec  # noqa: PLC0415 - not for --help
-
-        from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
-
-        if self.view.state is None:
-            return None
-        found: dict[str, Any] = msgspec.to_builtins(
-            standing(self.view, now, providers, self._hosts)
-        )
-        return found
-
-    def _resource(self, name: str, now: float) -> dict[str, Any]:
-        from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
-
-        claim, obeyed = self.view.claim(name, now), self.view.driver(name, now)
-        row: dict[str, Any] = {"resource": name, "holder": None}
-        row["obeyed"] = None if obeyed is None else agent_of(obeyed)
-        if claim is not None:
-            row |= {
-                "holder": claim.ballot.instance,
-                "utility": claim.utility,
-                "critical": claim.critical,
-                "term": claim.ballot.term,
-            }
-        return row | {"contenders": self.view.contenders(name)}
-
-    def _agent(self, agent: Seen) -> dict[str, Any]:
-        card = agent.card
-        row: dict[str, Any] = {"name": agent.name, "instance": agent.instance}
-        if card is None:
-            return row | {"answering": False}
-        row |= {"answering": True, "host": card.host, "pid": card.pid, "version": card.version}
-        return row | (self._process(card.pid) if card.host == socket.gethostname() else {})
-
-    def _process(self, pid: int) -> dict[str, Any]:
-        """CPU in per cent of one core since the last look, memory in MB."""
+    def _process(self, seen: Seen) -> dict[str, Any]:
+        """CPU in per cent of one core since the last look, memory in MB; of this host's agents."""
         import psutil  # noqa: PLC0415 - not for --help
 
+        if seen.card is None or seen.card.host != socket.gethostname():
+            return {}
+        pid = seen.card.pid
         try:
             process = self._processes.setdefault(pid, psutil.Process(pid))
             memory = process.memory_info().rss / MEGABYTE
             return {"cpu_percent": process.cpu_percent(), "memory_mb": round(memory, 1)}
         except psutil.Error:
             return {}
-
-    def _service(self, key: str, now: float) -> dict[str, Any]:
-        from armadico.core.services import service_at  # noqa: PLC0415 - not for --help
-
-        rate, service = self.view.rates[key], service_at(key)
-        hz = rate.hz(now)
-        assert rate.last is not None, "something was heard"
-        return {
-            "key": key,
-            "hz": None if hz is None else round(hz, 2),
-            "promised_hz": service.rate_hz if service else None,
-            "missed": rate.missed,
-            "age_s": round(now - rate.last, 2),
-            "messages": rate.count,
-        }
 
 
 def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:

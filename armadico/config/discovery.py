@@ -49,6 +49,9 @@ RUNS: Final = "armadico.runs"
 GUESTS: Final = "armadico.guests"
 """What takes part in a run besides the agents, as the alarms of a building."""
 
+PAGE: Final = "armadico.page"
+"""What a capability adds to the control page: requests, and what is shown."""
+
 TRANSPORTS: Final = "armadico.transports"
 """By the scheme of an address: what opens it as a device agent's port."""
 

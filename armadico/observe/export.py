@@ -9,16 +9,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from armadico.core.messages import BidHistory, BidRecord, MessageError
-from armadico.observe.recorder import REFUSED, McapFile
+from armadico.observe.recorder import McapFile
 from armadico.observe.recordings import RecordingError, Row, Warn, kinds, rows
-from armadico.observe.translators import Translator, translator
+from armadico.observe.translators import translator
 from armadico.observe.watching import json_schema
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
     from armadico.observe.dashboard.local_map import Zones
-    from armadico.observe.dashboard.scene import Scene
 
 # Tables -------------------------------------------------------------------------------------------
 
@@ -117,22 +115,15 @@ def translated(
     file, count = McapFile(out, others[0].about, others[0].profile), 0
     try:
         for row in rows(path, warn):
+            if (message := row.received) is None:
+                continue
             for each in made.get(row.namespace, ()):
-                count += _translate(file, each, row)
+                for sample in each.take(row.key, message, row.t):
+                    file.add_sample(sample, row.t)
+                    count += 1
     finally:
         file.close()
     return count
-
-
-def _translate(file: McapFile, by: Translator, row: Row) -> int:
-    try:
-        message = None if row.key.endswith(REFUSED) else row.message
-    except MessageError:
-        return 0
-    samples = () if message is None else tuple(by.take(row.key, message, row.t))
-    for sample in samples:
-        file.add_sample(sample, row.t)
-    return len(samples)
 
 
 # Rerun --------------------------------------------------------------------------------------------
@@ -155,23 +146,11 @@ def to_rrd(
     count, first = 0, None
     for row in rows(path, warn):
         first = row.t if first is None else first
-        if row.namespace == chosen and not row.key.endswith(REFUSED):
-            count += _draw(scene, row, (row.t - first) / 1e9)
+        if row.namespace == chosen and (message := row.received) is not None:
+            scene.take(message, (row.t - first) / 1e9)
+            count += 1
     finish(recording, out)
     return count
-
-
-def _draw(scene: Scene, row: Row, t: float) -> bool:
-    """Show one message to the scene, if it is one."""
-    try:
-        message = row.message
-    except MessageError:
-        return False
-    if isinstance(message, BidRecord):
-        message = BidHistory(row.key.split("/")[2], (message,))
-    if message is not None:
-        scene.take(message, t)
-    return message is not None
 
 
 def _only_namespace(path: Path) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import degrees, hypot, radians
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -139,8 +140,8 @@ def _own(truth: Truth) -> int:
     return truth.collisions - truth.bumped
 
 
-class Mark(Struct, frozen=True):
-    """One cycle of a run: when, where (true if known), and who was obeyed."""
+class Mark(NamedTuple):
+    """One cycle of a run: when, where (true if known), and which agent was obeyed."""
 
     t: float
     x: float

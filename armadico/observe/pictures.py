@@ -12,11 +12,11 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import cycle, groupby, pairwise
 from math import cos, hypot, pi, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO
 from zlib import crc32
 
 from armadico.config.grid_map import Cells
@@ -57,39 +57,15 @@ NOSE = ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))
 """What is drawn on the robot to show where it looks: m, in its own frame."""
 
 
-class Mark(Protocol):
-    """Where the robot was, m and rad, at t in s, and which agent was obeyed."""
-
-    @property
-    def t(self) -> float:
-        """Seconds."""
-
-    @property
-    def x(self) -> float:
-        """Metres."""
-
-    @property
-    def y(self) -> float:
-        """Metres."""
-
-    @property
-    def theta(self) -> float:
-        """Radians."""
-
-    @property
-    def holder(self) -> str | None:
-        """The agent that was obeyed."""
-
-
 Step = tuple[float, float, float, float, str | None]
-"""t, x, y, theta, holder: a `Mark` as a tuple."""
+"""When (s) and where the robot was (m, m, rad), and the agent that was obeyed: a run's `Mark`."""
 
 
 @dataclass(frozen=True)
 class Run:
     """What a picture of a run shows. Poses are x, y in m and a heading in rad, in the world."""
 
-    path: Sequence[Step | Mark]
+    path: Sequence[Step]
     start: Pose
     goal: Pose | None
     body: Body
@@ -98,10 +74,6 @@ class Run:
     title: str = ""
     caption: Sequence[str] = ()
     mapped: Cells | None = None
-    steps: list[Step] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", [_step(mark) for mark in self.path])
 
 
 def draw_world(
@@ -122,64 +94,10 @@ def draw_run(world: World, run: Run, out: Path | str | BinaryIO) -> None:
         canvas.echoes(run.echoes)
     else:
         canvas.mapped(run.mapped)
-    canvas.path(run.steps)
+    canvas.path(run.path)
     canvas.poses(run.start, run.goal, run.waypoints, world.docks.values())
-    canvas.robots(run.steps, run.body)
+    canvas.robots(run.path, run.body)
     canvas.save(out)
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Something of one agent's over time, then and now: (s, value), NaN where there is none."""
-
-    name: str
-    then: Sequence[tuple[float, float]]
-    now: Sequence[tuple[float, float]]
-
-
-def draw_otherwise(
-    world: World,
-    paths: tuple[Sequence[Pose], Sequence[Pose]],
-    utilities: Sequence[Trace],
-    speeds: Sequence[Trace],
-    words: tuple[str, str],
-    path_out: Path | str,
-) -> None:
-    """A PNG of what was decided, and what would have been: both paths, utilities and speeds.
-
-    Args:
-        world: What is drawn under the paths.
-        paths: The one that was driven, and the other.
-        utilities: Of each agent.
-        speeds: That each agent wanted, m/s.
-        words: A title, and a line below it.
-        path_out: The file.
-    """
-    canvas = Canvas(world, place=(0.045, 0.125, 0.5, 0.735))
-    canvas.heading(*words)
-    for number, (label, poses) in enumerate(zip(("as it was", "otherwise"), paths, strict=True)):
-        if poses:
-            xs, ys = zip(*(canvas.at(x, y) for x, y, _ in poses), strict=True)
-            look: dict[str, Any] = {"color": (INK, PARTICLE)[number], "linestyle": LINES[number]}
-            (line,) = canvas.axes.plot(xs, ys, linewidth=2.2, zorder=4 + number, **look)
-            canvas.legend[label] = line
-    if paths[0]:
-        canvas.poses(paths[0][0], None, ())
-    rows = (("utility", utilities), ("wanted speed, m/s", speeds))
-    for row, (what, traces) in enumerate(rows):
-        axes = canvas.figure.add_axes((0.61, 0.525 - 0.4 * row, 0.37, 0.335))
-        axes.set_title(what, loc="left", fontsize=11, color=INK)
-        axes.grid(color=FAINT)
-        axes.tick_params(labelsize=9, colors=SOFT)
-        for trace in traces:
-            for style, points in zip(LINES, (trace.then, trace.now), strict=False):
-                if points:
-                    look = {"color": colour(trace.name), "linestyle": style, "linewidth": 1.6}
-                    (line,) = axes.plot(*zip(*points, strict=True), **look)
-                    canvas.legend.setdefault(trace.name, line)
-        if row == len(rows) - 1:
-            axes.set_xlabel("s of the recording", fontsize=9, color=SOFT)
-    canvas.save(path_out)
 
 
 def draw_localized(
@@ -236,12 +154,6 @@ def draw_worlds(folder: Path | str) -> list[Path]:
 def colour(holder: str | None) -> str:
     """The colour of an agent's part of a path."""
     return NOBODY if holder is None else COLOURS[crc32(holder.encode()) % len(COLOURS)]
-
-
-def _step(mark: Step | Mark) -> Step:
-    if isinstance(mark, tuple):
-        return mark
-    return mark.t, mark.x, mark.y, mark.theta, mark.holder
 
 
 def _size(world: World) -> str:

@@ -18,10 +18,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct
 
-from armadico.core.messages import PROTOCOL, JournalPiece, Message, decode
+from armadico.core.messages import (
+    PROTOCOL,
+    BidHistory,
+    BidRecord,
+    JournalPiece,
+    Message,
+    MessageError,
+    decode,
+)
 from armadico.core.services import message_types
 from armadico.observe.journals import JOURNAL, Journal, Pieces, without
-from armadico.observe.recorder import PROFILE, SCHEMA_PREFIX, Here, part
+from armadico.observe.recorder import PROFILE, REFUSED, SCHEMA_PREFIX, Here, part
 from armadico.observe.watching import from_object
 
 if TYPE_CHECKING:
@@ -96,6 +104,19 @@ class Row:
         if kind is None or not issubclass(kind, Message):
             return None
         return from_object(kind, self.fields)
+
+    @property
+    def received(self) -> Message | None:
+        """The message as a watcher received it, a bid within a history; None: it cannot be read."""
+        if self.key.endswith(REFUSED):
+            return None
+        try:
+            message = self.message
+        except MessageError:
+            return None
+        if isinstance(message, BidRecord):
+            return BidHistory(self.key.split("/")[2], (message,))
+        return message
 
 
 def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterator[Row]:

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from math import degrees
+from math import degrees, inf
 from statistics import mean, pstdev
 from typing import Final, NamedTuple, TypeVar, cast
 
@@ -91,14 +91,6 @@ class Seen(NamedTuple):
     card: Card | None
 
 
-_NEWEST: Final[dict[type[Message], str]] = {
-    MissionStatus: "mission",
-    BatteryLevel: "level",
-    Trajectory: "trajectory",
-}
-"""What is known of a society just as it was last said."""
-
-
 class Said(NamedTuple):
     """A log line: when it came (s), and which instance's it is."""
 
@@ -117,6 +109,29 @@ class Exchanged(NamedTuple):
     claim: Claim | None  # of the one that it obeys now, as far as it was heard
 
 
+_KEPT: Final = (
+    *(RobotState, Pose, Description, Correction, ByHand),
+    *(MissionStatus, BatteryLevel, Trajectory),
+)
+"""Of these a view keeps the newest one as it came."""
+
+
+@dataclass
+class _Contested:
+    """What is known of one resource: its owner's newest ack, and the claim of the largest ballot.
+
+    Times are s; `period` is the time from ack to ack.
+    """
+
+    ack: Ack | None = None
+    acked_at: float = 0.0
+    period: float = PERIOD
+    driver: str | None = None  # as of that ack
+    claim: Claim | None = None
+    claimed_at: float = 0.0
+    held_since: float = inf  # when this tenure was first claimed
+
+
 class View:
     """What is known of one society; `take`, `learn` and `token` bring it up to date.
 
@@ -129,14 +144,11 @@ class View:
             when it came; of the resources the one that was bid for last is the last.
         exchanges: The newest times that a resource obeyed another one than before, the last one
             last.
-        heard_at: When the robot agent's newest state came; None: none has.
-        acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
         newest: By key, the newest state that was published on it.
         answered: When an instance last did, asked for its card or bids.
         logs: The newest log lines, the last one last.
         reports: By monitor, what it last said.
-        level: What the battery sensor agent last said.
         errands: By the message that tells of them, how they stand.
         truth: The newest of the robot's own simulator.
         rests_since: When the robot came to rest; None: it moves.
@@ -151,28 +163,18 @@ class View:
         self.cards: dict[str, Card] = {}
         self.bids: dict[str, dict[str, tuple[BidRecord, float]]] = {}
         self.exchanges: deque[Exchanged] = deque(maxlen=EXCHANGES)
-        self.acks: dict[str, Ack] = {}
         self.rates: dict[str, Rate] = {}
         self.newest: dict[str, Message] = {}
         self.answered: dict[str, float] = {}
         self.logs: deque[Said] = deque(maxlen=LINES)
         self.reports: dict[str, MonitorReport] = {}
-        self.state: RobotState | None = None
-        self.pose: Pose | None = None
-        self.lost_since: float | None = None
-        self.truth: Truth | None = None
-        self.simulators: dict[str, float] = {}
-        self.description: Description | None = None
-        self.mission: MissionStatus | None = None
         self.errands: dict[type[Message], tuple[Progress, ...]] = {}
-        self.level: BatteryLevel | None = None
-        self.trajectory: Trajectory | None = None
-        self.heard_at: float | None = None
-        self._drivers: dict[str, str | None] = {}  # by resource, as of its newest ack
-        self._lately: dict[type[Message], tuple[Message, float]] = {}
-        self._claims: dict[str, tuple[Claim, float, float]] = {}  # when, and its tenure's first
+        self.truth: Truth | None = None
         self.rests_since: float | None = None
-        self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
+        self.lost_since: float | None = None
+        self.simulators: dict[str, float] = {}
+        self._latest: dict[type[Message], tuple[Message, float]] = {}  # with its time, s
+        self._contested: dict[str, _Contested] = {}  # by resource
 
     @classmethod
     def of(cls, cards: Mapping[tuple[str, str], Card | None]) -> View:
@@ -224,19 +226,13 @@ class View:
 
     def learn(self, message: Message, t: float) -> None:
         """Take a message, published or given in answer."""
+        if isinstance(message, _KEPT):
+            self._latest[type(message)] = message, t
         match message:
-            case MissionStatus() | BatteryLevel() | Trajectory():
-                setattr(self, _NEWEST[type(message)], message)
-            case RobotState() | Pose():
-                self._take_place(message, t)
-            case Correction() | ByHand():
-                self._lately[type(message)] = message, t
+            case RobotState() | Pose() | Description():
+                self._learn_of_robot(message, t)
             case Errands():
                 self.errands[type(message)] = message.errands
-            case Description():
-                self.description = message
-                if self.truth is not None and not self._own(self.truth.simulator):
-                    self.truth = None
             case Truth():
                 self._take_truth(message, t)
             case _:
@@ -259,6 +255,48 @@ class View:
                 for bid in message.bids:
                     known.pop(bid.resource, None)
                     known[bid.resource] = bid, t
+
+    # The newest messages -------------------------------------------------------------------------
+
+    @property
+    def state(self) -> RobotState | None:
+        """The robot agent's."""
+        return self._newest_of(RobotState)
+
+    @property
+    def heard_at(self) -> float | None:
+        """When that came, s."""
+        return self._latest[RobotState][1] if RobotState in self._latest else None
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where the robot is by its own estimate."""
+        return self._newest_of(Pose)
+
+    @property
+    def description(self) -> Description | None:
+        """What the robot is."""
+        return self._newest_of(Description)
+
+    @property
+    def mission(self) -> MissionStatus | None:
+        """How the drive to the goal stands."""
+        return self._newest_of(MissionStatus)
+
+    @property
+    def level(self) -> BatteryLevel | None:
+        """The battery sensor agent's."""
+        return self._newest_of(BatteryLevel)
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The path that is driven."""
+        return self._newest_of(Trajectory)
+
+    @property
+    def acks(self) -> dict[str, Ack]:
+        """By resource, its owner's."""
+        return {name: each.ack for name, each in self._contested.items() if each.ack is not None}
 
     # How things stand ----------------------------------------------------------------------------
 
@@ -292,7 +330,7 @@ class View:
     @property
     def claimed(self) -> list[str]:
         """The resources that are claimed or owned, as far as was received."""
-        return sorted(self._claims.keys() | self.acks.keys())
+        return sorted(self._contested)
 
     @property
     def resources(self) -> list[str]:
@@ -376,7 +414,7 @@ class View:
 
     def hand(self, now: float) -> ByHand | None:
         """The state of an agent by which a person drives; None: none tells of now."""
-        kinds = [kind for kind in self._lately if issubclass(kind, ByHand)]
+        kinds = [kind for kind in self._latest if issubclass(kind, ByHand)]
         return next((found for kind in kinds if (found := self._of_late(kind, now))), None)
 
     def driver(self, resource: str, now: float) -> str | None:
@@ -384,42 +422,50 @@ class View:
 
         An owner that is silent obeys no command: what it drove it stops.
         """
-        ack = self.acks.get(resource)
-        if ack is None or now - self._acked[resource][0] > self._quiet_s(resource):
+        known = self._contested.get(resource)
+        if known is None or known.ack is None or now - known.acked_at > _quiet_s(known):
             return None
-        return driver(ack)
+        return driver(known.ack)
 
     def last_driver(self, resource: str) -> str:
         """The instance that a resource obeys, or obeyed last; empty: nobody since a release."""
-        ack = self.acks.get(resource)
-        return "" if ack is None or ack.obeyed is None else ack.obeyed.instance
+        known = self._contested.get(resource)
+        obeyed = None if known is None or known.ack is None else known.ack.obeyed
+        return "" if obeyed is None else obeyed.instance
 
     def claim(self, resource: str, now: float) -> Claim | None:
         """The claim that stands: of the largest ballot, until it is silent or released."""
-        claim, at, _ = self._claims.get(resource, (None, 0.0, 0.0))
-        if claim is None or claim.utility is None or now - at > self._quiet_s(resource):
+        known = self._contested.get(resource)
+        if known is None or known.claim is None or known.claim.utility is None:
             return None
-        return claim
+        return known.claim if now - known.claimed_at <= _quiet_s(known) else None
 
     def held_since(self, resource: str) -> float:
         """When the newest tenure was first claimed, s; infinite if nobody has claimed it."""
-        return self._claims[resource][2] if resource in self._claims else float("inf")
+        known = self._contested.get(resource)
+        return inf if known is None else known.held_since
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _of_late(self, kind: type[M], now: float) -> M | None:
-        said, at = self._lately.get(kind, (None, 0.0))
-        return cast("M | None", said) if now - at <= service_of(kind).tells_s else None
+    def _newest_of(self, kind: type[M]) -> M | None:
+        return cast("M | None", self._latest.get(kind, (None, 0.0))[0])
 
-    def _take_place(self, said: RobotState | Pose, t: float) -> None:
-        """Since when it rests, and since when it is lost."""
-        if isinstance(said, RobotState):
-            self.heard_at = t
-            self.state, rests = said, max(abs(said.v), abs(said.w)) <= RESTS
-            self.rests_since = _since(self.rests_since, t) if rests else None
-        else:
-            self.pose, lost = said, said.deviation > LOST_M
-            self.lost_since = _since(self.lost_since, t) if lost else None
+    def _of_late(self, kind: type[M], now: float) -> M | None:
+        """The same, unless it is too old to tell of now."""
+        at = self._latest.get(kind, (None, 0.0))[1]
+        return self._newest_of(kind) if now - at <= service_of(kind).tells_s else None
+
+    def _learn_of_robot(self, said: RobotState | Pose | Description, t: float) -> None:
+        """Since when it rests, since when it is lost, and whose the truth is."""
+        match said:
+            case RobotState():
+                rests = max(abs(said.v), abs(said.w)) <= RESTS
+                self.rests_since = _since(self.rests_since, t) if rests else None
+            case Pose():
+                lost = said.deviation > LOST_M
+                self.lost_since = _since(self.lost_since, t) if lost else None
+            case Description() if self.truth is not None and not self._own(self.truth.simulator):
+                self.truth = None
 
     def _take_truth(self, truth: Truth, t: float) -> None:
         self.simulators[truth.simulator] = t
@@ -427,30 +473,33 @@ class View:
             self.truth = truth
 
     def _take_ack(self, ack: Ack, t: float) -> None:
-        before, period = self.acks.get(ack.resource), PERIOD
+        known = self._contested.setdefault(ack.resource, _Contested())
+        before, period = known.ack, PERIOD
         if before is not None and before.cycle.epoch == ack.cycle.epoch:
-            at, period = self._acked[ack.resource]
-            if ack.cycle.number > before.cycle.number:
-                period = (t - at) / (ack.cycle.number - before.cycle.number)
-        self.acks[ack.resource], self._acked[ack.resource] = ack, (t, period)
-        now, last = driver(ack), self._drivers.get(ack.resource)
+            period, cycles = known.period, ack.cycle.number - before.cycle.number
+            if cycles > 0:
+                period = (t - known.acked_at) / cycles
+        known.ack, known.acked_at, known.period = ack, t, period
+        now, last = driver(ack), known.driver
         if now != last:
-            self._drivers[ack.resource] = now
+            known.driver = now
             claim = self.claim(ack.resource, t)
             ours = claim if claim is not None and claim.ballot.instance == now else None
             self.exchanges.append(Exchanged(t, ack.resource, last, now, ours))
 
     def _take_claim(self, claim: Claim, t: float) -> None:
-        known, at, first = self._claims.get(claim.resource, (None, t, t))
-        silent = t - at > self._quiet_s(claim.resource)
-        if known is None or silent or claim.ballot >= known.ballot:
-            same = known is not None and claim.ballot == known.ballot
-            self._claims[claim.resource] = (claim, t, first if same else t)
+        known = self._contested.setdefault(claim.resource, _Contested())
+        before = known.claim
+        silent = t - known.claimed_at > _quiet_s(known)
+        if before is None or silent or claim.ballot >= before.ballot:
+            if before is None or claim.ballot != before.ballot:
+                known.held_since = t
+            known.claim, known.claimed_at = claim, t
 
-    def _quiet_s(self, resource: str) -> float:
-        """A resource whose cycles are long is spoken of seldom."""
-        _, period = self._acked.get(resource, (0.0, PERIOD))
-        return max(QUIET_S, FRESH_CYCLES * period)
+
+def _quiet_s(known: _Contested) -> float:
+    """A resource whose cycles are long is spoken of seldom."""
+    return max(QUIET_S, FRESH_CYCLES * known.period)
 
 
 def _since(known: float | None, t: float) -> float:

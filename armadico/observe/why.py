@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import degrees, hypot
 from typing import Final, TypeVar
 
@@ -118,6 +118,29 @@ class _Taken:
     blended: int = 0
 
 
+@dataclass
+class _History:
+    """What was received about one resource, the last `KEPT_CYCLES` of it."""
+
+    owner: Owner | None  # judges as its owner does; None: it has cycles of its own
+    obeyed: str = ""  # the instance that was obeyed last
+    exchanges: int = 0
+    claims: deque[tuple[float, Claim]] = field(default_factory=lambda: deque(maxlen=KEPT_CYCLES))
+
+
+@dataclass
+class _Touch:
+    """What the robot has touched so far."""
+
+    collisions: int = 0  # by the truth
+    bumped: int = 0  # of those, how often somebody walked into it
+    felt: bool = False  # by the robot's own report, now
+
+
+_Pending = _Snapshot | _Taken | tuple[_Snapshot, Cause, str]
+"""What is explained later; the tuple is a collision."""
+
+
 class Chronicle:
     """Takes what a watcher hears, in order; times are s by one clock."""
 
@@ -147,16 +170,11 @@ class Chronicle:
         self.moments: list[Moment] = []
         self._pressed: list[_Pressed] = []
         self._records: dict[tuple[str, str], deque[BidRecord]] = {}
-        self._claims: dict[str, deque[tuple[float, Claim]]] = {}
+        self._history: dict[str, _History] = {}  # by resource
         self._commands: deque[tuple[float, Command, str]] = deque(maxlen=4 * KEPT_CYCLES)
-        self._owners: dict[str, Owner] = {}
         self._clock = CycleClock()
-        self._obeyed: dict[str, str] = {}  # by resource, the instance that was obeyed last
-        self._pending: deque[_Snapshot | _Taken | tuple[_Snapshot, Cause, str]] = deque()
-        self._struck = (0, 0)  # collisions, and of those bumps
-        self._struck_times = 0
-        self._felt = False
-        self._counts: dict[str, int] = {}
+        self._pending: deque[_Pending] = deque()
+        self._touch = _Touch()
 
     # What comes in -------------------------------------------------------------------------------
 
@@ -218,10 +236,10 @@ class Chronicle:
             self._explain(self._pending.popleft())
 
     @staticmethod
-    def _at(what: _Snapshot | _Taken | tuple[_Snapshot, Cause, str]) -> float:
+    def _at(what: _Pending) -> float:
         return what[0].t if isinstance(what, tuple) else what.t
 
-    def _explain(self, what: _Snapshot | _Taken | tuple[_Snapshot, Cause, str]) -> None:
+    def _explain(self, what: _Pending) -> None:
         if isinstance(what, _Snapshot):
             _keep(self.moments, self._moment(what))
         elif isinstance(what, _Taken):
@@ -229,9 +247,9 @@ class Chronicle:
         else:
             snapshot, cause, text = what
             moment = self._moment(snapshot)
-            self._struck_times += 1
+            number = self.collisions[-1].number + 1 if self.collisions else 1
             said = (text, *moment.sentences, cause.what)
-            collision = Collision(self._struck_times, snapshot.t, said, cause, moment)
+            collision = Collision(number, snapshot.t, said, cause, moment)
             _keep(self.collisions, collision)
 
     def _take_state(self, state: RobotState, t: float, *, first: bool) -> None:
@@ -246,17 +264,17 @@ class Chronicle:
             ):
                 pressed.stood = t - self._begun - pressed.t
         felt = state.touch is not None or state.stalled
-        if felt and not self._felt and self.view.truth is None:
+        if felt and not self._touch.felt and self.view.truth is None:
             self._collide("It touches something, by its own word.", bumped=False)
-        self._felt = felt
+        self._touch.felt = felt
 
     def _take_truth(self, truth: Truth, *, begun: bool) -> None:
-        struck = truth.collisions, truth.bumped
-        if begun and truth.collisions > self._struck[0]:
-            bumped = truth.bumped > self._struck[1]
+        touch = self._touch
+        if begun and truth.collisions > touch.collisions:
+            bumped = truth.bumped > touch.bumped
             what = "Somebody walks into it." if bumped else "It touches something."
             self._collide(what, bumped=bumped)
-        self._struck = struck
+        touch.collisions, touch.bumped = truth.collisions, truth.bumped
 
     def _take_stop(self, stop: Stop, t: float, *, before: bool) -> None:
         # A state that was on its way may still show the press before.
@@ -268,9 +286,10 @@ class Chronicle:
             known.released, known.released_by = t - self._begun, stop.by
 
     def _take_claim(self, claim: Claim, t: float) -> None:
-        self._claims.setdefault(claim.resource, deque(maxlen=KEPT_CYCLES)).append((t, claim))
-        if owner := self._owner(claim.resource):
-            owner.hear(claim)
+        history = self._of(claim.resource)
+        history.claims.append((t, claim))
+        if history.owner is not None:
+            history.owner.hear(claim)
         for each in self._pending:
             if (
                 isinstance(each, _Taken)
@@ -280,7 +299,7 @@ class Chronicle:
                 each.blended += 1
 
     def _take_command(self, command: Command, t: float) -> None:
-        owner = self._owner(command.resource)
+        owner = self._of(command.resource).owner
         if owner is not None:
             verdict = owner.judge(command, t, stopped=self._stops(command.resource))
             self._commands.append((t, command, str(verdict)))
@@ -289,27 +308,28 @@ class Chronicle:
         resource = declared(name)
         return resource is not None and resource.stops and self.view.stop.stopped
 
-    def _owner(self, name: str) -> Owner | None:
-        """The judge of a resource, as its own owner is one; of the robot's cycles only."""
-        resource = declared(name)
-        if resource is None or resource.period_s is not None:
-            return None
-        return self._owners.setdefault(name, Owner(resource, self._clock))
+    def _of(self, name: str) -> _History:
+        """What was received about a resource; it is judged if its cycles are the robot's."""
+        if name not in self._history:
+            resource = declared(name)
+            robots = resource is not None and resource.period_s is None
+            owner = Owner(resource, self._clock) if resource is not None and robots else None
+            self._history[name] = _History(owner)
+        return self._history[name]
 
     def _take_ack(self, ack: Ack, t: float) -> None:
         driver = self.view.driver(ack.resource, t)
         if driver is None or ack.obeyed is None:
             return
-        before = self._obeyed.get(ack.resource)
-        self._obeyed[ack.resource] = driver
-        if before in (None, driver):
+        history = self._of(ack.resource)
+        before, history.obeyed = history.obeyed, driver
+        if before in ("", driver):
             return
-        claims = [(at, c) for at, c in self._claims.get(ack.resource, ())]
-        theirs = [(at, c) for at, c in claims if c.ballot.instance == before]
+        theirs = [(at, c) for at, c in history.claims if c.ballot.instance == before]
         at, last = theirs[-1] if theirs else (float("-inf"), None)
-        blended = sum(c.ballot == ack.obeyed and c.commanded != c.wanted for _, c in claims)
+        blended = sum(c.ballot == ack.obeyed and c.commanded != c.wanted for _, c in history.claims)
         since = t - self._begun
-        taken = _Taken(since, ack, last, before or "", driver, at, self._snapshot(), blended)
+        taken = _Taken(since, ack, last, before, driver, at, self._snapshot(), blended)
         self._pending.append(taken)
 
     def _collide(self, what: str, *, bumped: bool) -> None:
@@ -367,7 +387,7 @@ class Chronicle:
         )
 
     def _loser(self, name: str, claim: Claim) -> str:
-        others = [c.ballot for _, c in self._claims.get(name, ()) if c.ballot < claim.ballot]
+        others = [c.ballot for _, c in self._of(name).claims if c.ballot < claim.ballot]
         return others[-1].instance if others else ""
 
     def _refused(self, name: str) -> Iterator[str]:
@@ -458,9 +478,10 @@ class Chronicle:
         said += [bid_told(each) for each in bids]
         if of.blended:
             said.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
-        number = self._counts[resource] = self._counts.get(resource, 0) + 1
+        history = self._of(resource)
+        history.exchanges += 1
         return Exchange(
-            number,
+            history.exchanges,
             of.t,
             cycle.number,
             resource,
@@ -512,7 +533,7 @@ class Chronicle:
         return Cause(Sort.OUTBID, winner, what + (f" {winner}: {why}." if why else ""))
 
     def _first(self, of: _Taken) -> tuple[float, Claim] | None:
-        claims = self._claims.get(of.ack.resource, ())
+        claims = self._of(of.ack.resource).claims
         return next(((at, c) for at, c in claims if c.ballot == of.ack.obeyed), None)
 
     # A stop --------------------------------------------------------------------------------------

@@ -190,6 +190,7 @@ def test_top_says_why_a_mission_is_not_driven() -> None:
     view.learn(MissionStatus(1, MissionState.DRIVING, 4.0, 0, "waits: door D is shut"), 0.0)
     snapshot = top.Snapshots(view, "robot1").at(0.0)
     assert snapshot["mission"] == {
+        "number": "1",
         "state": "driving",
         "to_go": 4.0,
         "note": "waits: door D is shut",

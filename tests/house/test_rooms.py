@@ -6,7 +6,6 @@ from collections import Counter
 
 import pytest
 
-from tests.house.test_imports import TIED
 from tests.house.tree import PARTS, imports, modules, within
 
 ROOMS = (
@@ -55,7 +54,7 @@ def test_a_room_imports_only_those_below_it() -> None:
     def allowed(name: str, other: str) -> bool:
         if room(other):
             return ROOMS.index(room(other)) <= ROOMS.index(room(name))
-        return other in DOORS or (name in TIED and within(other, "armadico.agents"))
+        return other in DOORS
 
     assert not [(a, b) for a, b in arrows() if room(a) and not allowed(a, b)]
 

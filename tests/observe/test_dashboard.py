@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 import numpy as np
-import rerun.blueprint as rrb
 from msgspec.structs import replace
 from PIL import Image
 
@@ -29,7 +28,7 @@ from armadico.mobile.particles import MOST
 from armadico.mobile.particles import message_of as particles_of
 from armadico.mobile.scans import message_of as scan_of
 from armadico.observe.dashboard import palette, shapes, viewer
-from armadico.observe.dashboard.blueprint import VIEWS, _page
+from armadico.observe.dashboard.blueprint import VIEWS
 from armadico.observe.dashboard.global_map import PATH_POINTS
 from armadico.observe.dashboard.scene import Scene
 from armadico.observe.dashboard.server import close, keep
@@ -135,57 +134,17 @@ def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Pat
     assert len(avoid) == 3
 
 
-def test_the_lane_shows_who_is_obeyed_by_the_robots_own_word(tmp_path: Path) -> None:
+def test_an_agent_has_one_colour_in_curve_and_path(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        drivers = [None, GOTO, GOTO, AVOID, AVOID, GOTO]
-        for number, driver in enumerate(drivers):
-            scene.take(state(number), float(number))
-            scene.take(ack(number, driver), float(number))
-        silent = m.Ack("wheels", cycle(20), ballot(GOTO), ballot(GOTO), cycle(5))
-        scene.take(silent, 20.0)
-    kept = Kept(path)
-    assert kept.values("/p/holders/wheels", "state") == [
-        (0.0, "nobody"),
-        (1.0, "goto"),
-        (3.0, "avoid"),
-        (5.0, "goto"),
-        (20.0, "nobody"),
-    ]
-    look = kept.fixed["/p/holders/wheels"]
-    colours = dict(zip(look["values"], map(colour_of, look["colors"]), strict=True))
-    assert colours["goto"] == palette.agent("goto")
-
-
-def test_a_resource_whose_owner_is_not_heard_has_its_holder_by_the_claims(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    with drawn(path) as scene:
-        scene.take(m.Claim("arm", ballot(GOTO), cycle(1), 0.6, wanted=b"x"), 1.0)
-        scene.take(state(9), 2.0)
-        scene.take(m.Claim("arm", ballot(AVOID, 2), cycle(3), 0.6), 3.0)
-        scene.take(ack(4, None, "arm"), 4.0)
-        scene.take(m.Claim("arm", ballot(AVOID, 2), cycle(5), 0.6), 5.0)
-    assert Kept(path).values("/p/holders/arm", "state") == [
-        (1.0, "goto"),
-        (2.0, "nobody"),
-        (3.0, "avoid"),
-        (4.0, "nobody"),  # from here on its owner's word stands
-    ]
-
-
-def test_an_agent_has_one_colour_in_curve_lane_and_path(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    with drawn(path) as scene:
-        scene.take(ack(1, AVOID), 0.1)
         scene.take(state(1), 0.1)
         for step in range(30):
+            scene.take(ack(step, AVOID), 0.1 + step / 10)
             scene.take(Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
         scene.take(m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
     kept = Kept(path)
     avoid = palette.agent("avoid")
     assert colour_of(kept.fixed["/p/utility/wheels/avoid"]["colors"][0]) == avoid
-    look = kept.fixed["/p/holders/wheels"]
-    assert colour_of(look["colors"][look["values"].index("avoid")]) == avoid
     assert colour_of(kept.rows["/p/map/world/path"][-1][1]["colors"][-1]) == avoid
 
 
@@ -233,12 +192,12 @@ def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
     recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
     one, two = (Scene(recording, None, name) for name in ("one", "two"))
     one.take(state(1), 0.0)
-    one.take(ack(1, GOTO), 0.0)
+    one.take(m.Claim("wheels", ballot(GOTO), cycle(1), 0.6), 0.0)
     two.take(Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
     close(recording)
     kept = Kept(tmp_path / "a.rrd")
-    assert "/one/holders/wheels" in kept.rows
-    assert "/two/holders/wheels" not in kept.rows
+    assert "/one/utility/wheels/goto" in kept.rows
+    assert "/two/utility/wheels/goto" not in kept.rows
     assert kept.rows["/two/map/world/robot"][0][1]["translation"] == [[1.0, 2.0, 0.0]]
     assert "/one/map/world/robot" not in kept.rows
 
@@ -352,7 +311,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
 
 
 def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
-    path, rehearsal = run
+    path, _ = run
     kept = Kept(path)
     entities = {name.removeprefix("/robot1/") for name in kept.rows}
     assert entities >= {
@@ -362,12 +321,10 @@ def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
         ),
         *(f"local/robot/{part}" for part in ("points", "closest", "zones", "sonar")),
         *(f"utility/wheels/{name}" for name in ("goto", "avoid", "gothrough")),
-        *("local/robot/cells", "holders/wheels"),
+        "local/robot/cells",
     }
     walls = kept.fixed["/robot1/map/world/walls"]["strips"]
     assert len(walls) == len(load_world("sc3").walls)
-    held = {holder for _, holder in kept.values("/robot1/holders/wheels", "state")}
-    assert held >= {mark.holder for mark in rehearsal.watch.path if mark.holder}
 
 
 def test_a_run_that_begins_with_no_idea_of_the_pose_is_drawn_until_it_is_found(
@@ -402,17 +359,6 @@ def test_losers_are_drawn_in_almost_every_cycle_in_which_they_bid(
     path, rehearsal = run
     goto = Kept(path).values("/robot1/utility/wheels/goto", "scalars")
     assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the cycles
-
-
-def test_the_wheels_have_a_lane_that_no_other_resource_pushes_out() -> None:
-    """At 1280 x 720 there is room for one lane, and lanes are in the order of their names."""
-    _, right = _page("robot1", None).contents
-    (holders,) = (part for part in right.contents if isinstance(part, rrb.Tabs))
-    assert holders.active_tab == 0
-    assert [view.origin for view in holders.contents] == [
-        "/robot1/holders/wheels",
-        "/robot1/holders",
-    ]
 
 
 def test_the_native_viewer_shows_every_view_without_an_error(

@@ -11,7 +11,7 @@ import threading
 import urllib.error
 import urllib.parse
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -126,7 +126,6 @@ def test_it_serves_records_and_leaves_nothing_behind(router: ZenohMesh, tmp_path
         assert not any(Path(f"/proc/{pid}/cmdline").exists() for pid in binaries)
     kept = Kept(path)
     assert {u for _, u in kept.values("/p/utility/wheels/goto", "scalars")} == {0.6}
-    assert "goto" in {holder for _, holder in kept.values("/p/holders/wheels", "state")}
 
 
 @pytest.mark.live
@@ -233,39 +232,6 @@ def test_a_namespace_without_a_robot_is_said(
     with client() as mesh, drawn(tmp_path / "a.rrd") as scene:
         live.Live([mesh], [scene], said.append).run(ended=lambda: bool(said))
     assert said[0].startswith("no robot in namespace 'p'")
-
-
-class Hoard(ZenohMesh):
-    """A mesh that is not opened; keeps whom it would have shown what is published on a key."""
-
-    def __init__(self) -> None:
-        super().__init__(NAMESPACE, topology())
-        self.receivers: dict[str, Callable[[str, bytes], None]] = {}
-
-    def subscribe(self, key: str, receiver: Callable[[str, bytes], None]) -> None:
-        self.receivers[key] = receiver
-
-    def ask(self, *_: object) -> None:
-        pass
-
-
-def test_a_dashboard_that_lags_does_not_draw_a_silence_that_was_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "a.rrd"
-    monkeypatch.setattr(live, "TURN_S", 0.0)
-    mesh, turns = Hoard(), iter([False] * 20 + [True])
-    with drawn(path) as scene:
-        watching = live.Live([mesh], [scene], pytest.fail)
-        began = watching._began
-        for number in range(20):
-            monkeypatch.setattr(watching._watcher, "clock", lambda n=number: began + n * 10**8)
-            (receive,) = (r for key, r in mesh.receivers.items() if key.endswith("/ack"))
-            receive("resource/wheels/ack", m.encode(ack(number, GOTO)))
-        monkeypatch.setattr(watching._watcher, "clock", lambda: began + 9 * 10**9)
-        watching.run(ended=lambda: next(turns))
-    held = Kept(path).values("/p/holders/wheels", "state")
-    assert held == [(0.0, "goto")]
 
 
 # Used wrongly -------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 
@@ -37,15 +36,6 @@ STRAIGHT: list[Step] = [
 ]
 
 
-@dataclass(frozen=True)
-class Seen:
-    t: float
-    x: float
-    y: float
-    theta: float
-    holder: str | None
-
-
 def pixels(path: Path) -> set[tuple[int, int, int]]:
     with Image.open(path) as image:
         assert image.size == (1280, 720)
@@ -73,14 +63,6 @@ def test_a_run_is_drawn_in_its_holders_colours(tmp_path: Path) -> None:
     assert near(rgb("goto"), seen)
     assert near(rgb("avoid"), seen)
     assert not near(rgb("gothrough"), seen)
-
-
-def test_marks_and_tuples_draw_the_same_picture_twice(tmp_path: Path) -> None:
-    pictures: list[bytes] = []
-    for path in (STRAIGHT, [Seen(*step) for step in STRAIGHT]):
-        draw_run(load_world("sc3"), Run(path, (1, 0.5, 0), (5, 0.6, 0), BODY), tmp_path / "run.png")
-        pictures.append((tmp_path / "run.png").read_bytes())
-    assert pictures[0] == pictures[1]
 
 
 def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:

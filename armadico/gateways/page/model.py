@@ -1,39 +1,59 @@
 """One robot as the page shows it (sans-IO).
 
-Messages, tokens and the time go in, `parts` is what is to be shown; what people ask of it there is
-in `asked`.
+Messages, tokens, requests and the time come in; `parts` is what is shown, and `drain` what is to be
+published, queried and told. The page decides nothing: a goal is a mission like any other client's.
 """
 
 from __future__ import annotations
 
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
-from math import isfinite
+from collections.abc import Callable, Collection
+from functools import cache
 from typing import Any, Final
 
-from armadico.agents.supervision.messages import HostShare
-from armadico.agents.teleop.messages import Stick, TeleopStatus
+from armadico.config.discovery import PAGE, installed
 from armadico.config.worlds import World
-from armadico.core.messages import Message, ParameterChange, ParametersReply, RobotState
+from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
-from armadico.core.services import QUIET_S, service_of
-from armadico.gateways.page.asked import Asked, Shipped
-from armadico.gateways.page.known import Known
-from armadico.mobile.errand import Progress
+from armadico.core.services import QUIET_S
+from armadico.gateways.page.own import Goals, Parameters, Starting, StopLatch
+from armadico.gateways.page.part import Desk, Out, Part
+from armadico.gateways.page.requests import Asked, Reader, Start
 from armadico.mobile.messages import OccupancyGrid, Pose
 from armadico.mobile.obstacles import Obstacles
+from armadico.observe import described
+from armadico.observe.described import rounded
 from armadico.observe.pictures import colour
-from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
+from armadico.observe.standing import NO_TABLE, Hosts, Installed
 from armadico.observe.view import View, agent_of
 
 EXCHANGES: Final = 30
+"""The most exchanges that are shown."""
+
 LINES: Final = 40
+"""The most log lines that are shown."""
+
 POINTS: Final = 300
+"""The most points of one sensor that are shown."""
+
 TRAIL: Final = 3000
+"""The most points of the driven path that are kept."""
+
 TRAIL_M: Final = 0.04
-"""What is shown at the most: exchanges, lines of the log, points that are near, and points of the
-path, so far apart."""
+"""The distance between two of them."""
+
+
+@cache
+def capabilities() -> tuple[type[Part], ...]:
+    """The parts that installed capabilities add. Raises ImportError."""
+    return tuple(found.load() for found in installed(PAGE).values())
+
+
+def reader() -> Reader:
+    """Reads the requests of the page and of all capabilities."""
+    kinds: tuple[type[Part], ...] = (Goals, StopLatch, Parameters, *capabilities())
+    return Reader([Start, *(request for kind in kinds for request in kind.requests)])
 
 
 class Robot:
@@ -41,7 +61,6 @@ class Robot:
         self,
         namespace: str,
         world: World | None = None,
-        missions: Mapping[str, Shipped] | None = None,
         bits64: Callable[[], int] = lambda: 1,
         helpers: Collection[str] = (),
         installed: Installed = lambda _: (),
@@ -52,17 +71,19 @@ class Robot:
         Args:
             namespace: The robot's.
             world: Whose walls are shown.
-            missions: Those that can be ordered, by name.
-            bits64: Draws the number that tells one stop from another.
+            bits64: Draws the number that distinguishes one stop from another.
             helpers: Agents that can be started beside the page, where no host would.
             installed: As `standing` takes it.
             hosts: As `standing` takes it.
         """
         self.namespace = namespace
-        self.known = Known(helpers)
-        self.asked = Asked(self.known, missions or {}, bits64)
+        self.view = View()
         self.world = world
-        self.missions = missions or {}
+        self._desk = Desk(self.view, bits64)
+        added = [kind(self._desk) for kind in capabilities()]
+        own = (Goals(self._desk), StopLatch(self._desk), Parameters(self._desk))
+        self._parts: tuple[Part, ...] = (*own, Starting(self._desk, helpers, added), *added)
+        self._takers = {kind: part for part in self._parts for kind in part.requests}
         self._installed, self._hosts = installed, hosts
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
@@ -70,8 +91,8 @@ class Robot:
 
     # What comes in -------------------------------------------------------------------------------
 
-    def heard(self, key: str, message: Message | None, t: float, *, asked: bool = False) -> None:
-        """Take what was published on a key, or an answer to what everybody was `asked`, at t (s).
+    def receive(self, key: str, message: Message | None, t: float, *, asked: bool = False) -> None:
+        """A message that was published on a key, or a reply to what was `asked`, at t (s).
 
         None: it cannot be read.
         """
@@ -80,8 +101,8 @@ class Robot:
         elif message is not None:
             self.view.learn(message, t)
         match message:
-            case RobotState():
-                self.asked.heard(message, t)
+            case None:
+                return
             case Pose():
                 self._step(message, t)
             case Obstacles():
@@ -89,114 +110,108 @@ class Robot:
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
-            case HostShare() | ParametersReply() | ParameterChange():
-                self.known.take(key, message, t)
+        for part in self._parts:
+            part.receive(key, message, t)
 
     def router(self, *, there: bool, t: float) -> None:
         """The robot's router can be reached, or cannot."""
         self.view.router(there=there, t=t)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
-        """A liveliness token came or went."""
-        self.known.token(instance, there=there, t=t)
+        """A liveliness token appeared or disappeared."""
+        self.view.token(instance, there=there, t=t)
+        for part in self._parts:
+            part.on_token(instance, there=there)
 
-    @property
-    def view(self) -> View:
-        return self.known.view
+    def request(self, browser: str, request: Asked, t: float) -> None:
+        """A browser's request. Raises RequestError if it cannot be met."""
+        self._takers[type(request)].request(browser, request, t)
 
-    # What is shown -------------------------------------------------------------------------------
+    def answered(self, number: int, reply: Message | None) -> None:
+        """A query's reply; None: it was not answered in time."""
+        self._desk.answered(number, reply)
+
+    def leave(self, browser: str) -> None:
+        """A browser has disconnected."""
+        for part in self._parts:
+            part.on_leave(browser)
+
+    def wake(self, t: float) -> None:
+        """Do what is due at t (s)."""
+        for part in self._parts:
+            part.wake(t)
+
+    # What goes out -------------------------------------------------------------------------------
+
+    def drain(self) -> list[Out]:
+        """What is to be published, queried and told, in this order; each once."""
+        return self._desk.drain()
 
     def parts(self, t: float) -> dict[str, Any]:
-        """All that is shown at t (s), by parts that change each at their own pace."""
-        return {
+        """All that is shown at t (s), in parts that change at different rates."""
+        view = self.view
+        parts = {
             "body": self._body(),
             "motion": self._motion(t),
-            "stop": self._latch(t),
             "mission": self._mission(),
             "wheels": self._wheels(t),
-            "resources": self._resources(t),
+            "resources": [
+                described.resource(view, name, t) for name in view.resources if name != WHEELS.name
+            ],
             "exchanges": self._exchanges(),
-            "agents": self._agents(t),
-            "board": self._board(),
+            "agents": self._agents(),
             "near": [p for points, at in self._near.values() if t - at <= QUIET_S for p in points],
             "grid": self._grid,
             "log": self._log(),
-            "could": sorted(self.known.could(t)),
-            "standing": self._standing(t),
-            "hand": self._stick(t),
-            "parameters": self._tunable(),
+            "standing": described.stands(view, t, self._installed, self._hosts),
         }
+        for part in self._parts:
+            part.show(parts, t)
+        return parts
 
     @property
     def trail(self) -> list[list[Any]]:
-        """The way that was driven, for who comes late: x, y, and who was obeyed."""
+        """The path driven so far, for a browser that connects: x, y, and which agent drove."""
         return list(self._trail)
 
     @property
-    def still(self) -> dict[str, Any]:
-        found = [{"name": each.name, "title": each.title} for each in self.missions.values()]
-        return {"missions": found, "world": None if self.world is None else drawn(self.world)}
+    def fixed(self) -> dict[str, Any]:
+        """What does not change."""
+        found: dict[str, Any] = {"world": None if self.world is None else drawn(self.world)}
+        for part in self._parts:
+            found |= part.fixed
+        return found
 
     def _body(self) -> dict[str, Any] | None:
         body = self.view.description
         if body is None:
             return None
-        return {
-            "name": body.robot,
-            "front": body.front,
-            "rear": body.rear,
-            "half_width": body.half_width,
-            "v_max": body.v_max,
-            "w_max": body.w_max,
-        }
+        shown = ("front", "rear", "half_width", "v_max", "w_max")
+        return {"name": body.robot} | {name: getattr(body, name) for name in shown}
 
     def _motion(self, t: float) -> dict[str, Any]:
-        view = self.view
-        pose, state, truth = view.pose, view.state, view.truth
+        view, truth = self.view, self.view.truth
         found: dict[str, Any] = {
             "heard": view.hears_robot(t),
             "silent_s": None if view.heard_at is None else round(t - view.heard_at, 1),
-            "battery": view.battery,
-            "where": view.whereabouts(t),
         }
-        if state is not None:
-            found |= {"v": _short(state.v), "w": _short(state.w), "cycle": state.cycle.number}
-            found |= {"stalled": state.stalled, "motors": state.motors}
-        if pose is not None:
-            found |= {"x": _short(pose.x), "y": _short(pose.y), "theta": _short(pose.theta)}
-            found |= {"deviation": _short(pose.deviation), "lost": view.lost_since is not None}
+        found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))
         if truth is not None:
-            found["truth"] = [_short(truth.x), _short(truth.y), _short(truth.theta)]
+            found["truth"] = rounded([truth.x, truth.y, truth.theta])
         return found
 
-    def _latch(self, t: float) -> dict[str, Any]:
-        """`held` only by the robot's own word, and only while that is fresh."""
-        stop, pressed = self.view.stop, self.asked.pressed
-        return {
-            "held": self.view.stopped(t) is True,
-            "known": self.view.state is not None,
-            "stopped": stop.stopped,
-            "by": stop.by,
-            "press": str(stop.press),
-            "code": stop.code if stop.stopped else "",  # programs are told it, to be confirmed
-            "asked": pressed is not None and pressed.stopped,
-            "rolling": "" if pressed is None else pressed.latching.rolling,
-        }
-
     def _mission(self) -> dict[str, Any]:
-        status, trajectory = self.view.mission, self.view.trajectory
+        trajectory = self.view.trajectory
         found: dict[str, Any] = {"tasks": self.view.tasks}
-        if status is not None:
-            found |= {"state": status.state.value, "note": status.note}
-            found |= {"to_go": round(status.to_go, 2)}
+        found |= rounded(described.mission(self.view) or {}, 2)
         if trajectory is not None:
-            way = [[_short(w.x), _short(w.y), _short(w.theta)] for w in trajectory.waypoints]
-            found |= {"way": way, "leg": trajectory.leg, "waits": trajectory.waits}
-            found |= {"start": [_short(trajectory.start.x), _short(trajectory.start.y)]}
+            way = [[w.x, w.y, w.theta] for w in trajectory.waypoints]
+            found |= {"way": rounded(way), "leg": trajectory.leg, "waits": trajectory.waits}
+            found |= {"start": rounded([trajectory.start.x, trajectory.start.y])}
         return found
 
     def _wheels(self, t: float) -> dict[str, Any]:
-        """Who drives, and what all that contend would: the others by the bids that they keep."""
+        """Which agent drives, and the bids of all contenders: of the others the last ones."""
         view, wheels = self.view, WHEELS.name
         driver, claim = view.driver(wheels, t), view.claim(wheels, t)
         rows = []
@@ -214,29 +229,15 @@ class Robot:
             rows.append(row)
         return {"driver": _name(driver), "contenders": rows}
 
-    def _resources(self, t: float) -> list[dict[str, Any]]:
-        view = self.view
-        held = {name: view.driver(name, t) for name in view.resources if name != WHEELS.name}
-        return [{"name": name, "holder": _name(who)} for name, who in held.items()]
-
-    def _agents(self, t: float) -> list[dict[str, Any]]:
-        """Who is alive, and who should be: by the word of the hosts that keep agents up."""
-        kept = {(each.agent, each.pid): each for each in self.known.kept(t)}
-        rows = []
-        for agent in self.view.agents:
-            row: dict[str, Any] = {"name": agent.name, "instance": agent.instance[-8:]}
-            row |= {"colour": colour(agent.name), "alive": True, "pid": 0, "kept": False}
-            if agent.card is not None:
-                row |= {"host": agent.card.host, "pid": agent.card.pid}
-                row["kept"] = kept.pop((agent.name, agent.card.pid), None) is not None
-            rows.append(row)
-        alive = self.view.names
-        for each in kept.values():
-            if each.agent not in alive:
-                row = {"name": each.agent, "instance": "", "colour": colour(each.agent)}
-                row |= {"alive": False, "pid": 0, "kept": True, "host": each.host}
-                rows.append(row | {"state": each.state, "why": each.why})
-        return sorted(rows, key=lambda row: (row["name"], row["instance"]))
+    def _agents(self) -> list[dict[str, Any]]:
+        """The agents that are alive, by name."""
+        return [
+            {"pid": 0}
+            | described.agent(seen)
+            | {"instance": seen.instance[-8:], "colour": colour(seen.name)}
+            | {"alive": True, "kept": False}
+            for seen in self.view.agents
+        ]
 
     def _log(self) -> list[dict[str, Any]]:
         lines = list(self.view.logs)[-LINES:]
@@ -249,47 +250,6 @@ class Robot:
             }
             for said in lines
         ]
-
-    def _standing(self, t: float) -> dict[str, Any]:
-        found = standing(self.view, t, self._installed, self._hosts)
-        cause = found.cause
-        told: dict[str, Any] = {"stands": found.stands, "sentences": list(found.sentences)}
-        if cause is not None:
-            told |= {"sort": cause.sort.value, "who": cause.who, "todo": cause.todo}
-        return told
-
-    def _stick(self, t: float) -> dict[str, Any]:
-        """Whose hand drives; `there`: somebody would take the stick."""
-        key = service_of(Stick).key
-        there = any(a.card and key in a.card.requests for a in self.view.agents)
-        found: dict[str, Any] = {"there": there, "hand": "", "holds": False}
-        status = self.view.hand(t)
-        if not isinstance(status, TeleopStatus):
-            return found
-        return found | {
-            "hand": status.hand,
-            "holds": status.holds,
-            "v": _short(status.v),
-            "w": _short(status.w),
-            "v_max": status.v_max,
-            "w_max": status.w_max,
-            "note": status.note,
-        }
-
-    def _tunable(self) -> list[dict[str, Any]]:
-        """What may be changed, by agent."""
-        return [
-            {
-                "agent": agent.name,
-                "instance": agent.instance,
-                "rows": self.known.parameters[agent.instance],
-            }
-            for agent in self.view.agents
-            if self.known.parameters.get(agent.instance)
-        ]
-
-    def _board(self) -> list[dict[str, Any]]:
-        return [_mission(mission) for mission in self.view.missions]
 
     def _exchanges(self) -> list[dict[str, Any]]:
         rows = []
@@ -305,7 +265,7 @@ class Robot:
     # What it comes to ----------------------------------------------------------------------------
 
     def _step(self, pose: Pose, t: float) -> None:
-        x, y = _short(pose.x), _short(pose.y)
+        x, y = rounded([pose.x, pose.y])
         name = _name(self.view.driver(WHEELS.name, t))
         if self._trail:
             last = self._trail[-1]
@@ -316,13 +276,12 @@ class Robot:
 
 def drawn(world: World) -> dict[str, Any]:
     """A world as the page draws it."""
-    walls = [[_short(v) for v in wall] for wall in world.walls]
     return {
         "name": world.name,
-        "bounds": [_short(v) for v in world.bounds],
-        "walls": walls,
-        "columns": [[_short(v) for v in column] for column in world.columns],
-        "forbidden": [[_short(v) for v in line] for line in world.forbidden],
+        "bounds": rounded(world.bounds),
+        "walls": rounded(world.walls),
+        "columns": rounded(world.columns),
+        "forbidden": rounded(world.forbidden),
         "rooms": [[room.name, room.x1, room.y1, room.x2, room.y2] for room in world.rooms],
         "docks": {name: list(pose) for name, pose in world.docks.items()},
         "goals": {name: list(pose) for name, pose in world.goals.items()},
@@ -335,7 +294,7 @@ def _name(instance: str | None) -> str | None:
 
 def _points(obstacles: Obstacles) -> list[list[float]]:
     every = -(-len(obstacles.points) // POINTS) or 1
-    return [[_short(p.x), _short(p.y)] for p in obstacles.points[::every]]
+    return [[round(p.x, 3), round(p.y, 3)] for p in obstacles.points[::every]]
 
 
 def _grid(message: OccupancyGrid) -> dict[str, Any]:
@@ -348,23 +307,3 @@ def _grid(message: OccupancyGrid) -> dict[str, Any]:
         "columns": message.columns,
         "packed": b64encode(message.packed).decode(),
     }
-
-
-def _mission(mission: Progress) -> dict[str, Any]:
-    return {
-        "mission": str(mission.number),
-        "name": mission.name,
-        "state": mission.state,
-        "over": mission.over,
-        "priority": mission.priority,
-        "doing": "" if mission.over else mission.summary,
-        "ahead": list(mission.ahead[:5]),
-        "note": mission.note,
-        "done": mission.done,
-        "by": mission.by,
-    }
-
-
-def _short(value: float) -> float:
-    """So many digits as can be seen; cm of a degree, mm of a metre."""
-    return round(value, 3) if isfinite(value) else 0.0

@@ -1,17 +1,18 @@
-"""What a browser may say: one JSON object each, with an `id` that the answer repeats.
+"""A browser's requests: one JSON object each, with an `id` that the answer repeats.
 
-What is not exactly one of these is refused whole. Integers of 64 bits travel as text: a number of
-JavaScript's has 53.
+Capabilities add further kinds (`part.py`). Anything else is rejected. Integers of 64 bits are sent
+as text, because JavaScript's numbers have 53 bits.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from collections.abc import Iterable
+from typing import Annotated, Any, Final, Union
 
 import msgspec
 from msgspec import Meta, Struct
 
-from armadico.core.messages import Bits64, Deflection, Name, Real, Text
+from armadico.core.messages import Bits64, Name, Real, Text
 
 LONGEST: Final = 4096
 """Bytes; no request is nearly as long."""
@@ -45,23 +46,6 @@ class Resume(Asked, frozen=True, tag="resume"):
     press: Number
 
 
-class Order(Asked, frozen=True, tag="order"):
-    """Have a shipped mission done."""
-
-    mission: Name
-
-
-class Cancel(Asked, frozen=True, tag="cancel"):
-    mission: Number
-
-
-class Restart(Asked, frozen=True, tag="restart"):
-    """Kill the process of an agent, and start it again."""
-
-    agent: Name
-    pid: Annotated[int, Meta(ge=0, le=2**52)] = 0
-
-
 class Start(Asked, frozen=True, tag="start"):
     """Start an agent on a host that could."""
 
@@ -74,21 +58,6 @@ class Tune(Asked, frozen=True, tag="set"):
     instance: Name
     name: Name
     json: Text
-
-
-class Hold(Asked, frozen=True, tag="stick"):
-    """Where the stick is, in shares; not `held`: the hand lets go.
-
-    `cycle` is the number of the newest that the page has shown: a stick that comes late is stale.
-    """
-
-    v: Deflection
-    w: Deflection
-    cycle: Annotated[int, Meta(ge=0, le=2**52)]
-    held: bool = True
-
-
-Request = Goto | Halt | Resume | Order | Cancel | Restart | Start | Tune | Hold
 
 
 class RequestError(ValueError):
@@ -107,19 +76,25 @@ class _Numbered(Struct, frozen=True):
     id: Annotated[int, Meta(ge=0, le=2**53)]
 
 
-_DECODER: Final[msgspec.json.Decoder[Request]] = msgspec.json.Decoder(Request)
 _UNREAD: Final = (msgspec.DecodeError, UnicodeError, RecursionError)
 
 
-def read(data: str | bytes) -> Request:
-    """The request in a browser's message. Raises RequestError."""
-    if len(data) > LONGEST:
-        why = f"{len(data)} bytes; no request is longer than {LONGEST}"
-        raise RequestError(why, _number(data))
-    try:
-        return _DECODER.decode(data)
-    except _UNREAD as error:
-        raise RequestError(str(error), _number(data)) from None
+class Reader:
+    """Reads requests of these kinds."""
+
+    def __init__(self, kinds: Iterable[type[Asked]]) -> None:
+        union: Any = Union[tuple(kinds)]  # noqa: UP007 - its members are known when it runs
+        self._decoder: msgspec.json.Decoder[Asked] = msgspec.json.Decoder(union)
+
+    def read(self, data: str | bytes) -> Asked:
+        """The request in a browser's message. Raises RequestError."""
+        if len(data) > LONGEST:
+            why = f"{len(data)} bytes; no request is longer than {LONGEST}"
+            raise RequestError(why, _number(data))
+        try:
+            return self._decoder.decode(data)
+        except _UNREAD as error:
+            raise RequestError(str(error), _number(data)) from None
 
 
 def _number(data: str | bytes) -> int:

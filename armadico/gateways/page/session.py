@@ -15,9 +15,9 @@ import msgspec
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Message, ParametersRequest
 from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
-from armadico.gateways.page.asked import Publish, Put, Spawn, Tell
-from armadico.gateways.page.model import Robot
-from armadico.gateways.page.requests import Request, RequestError, read
+from armadico.gateways.page.model import Robot, reader
+from armadico.gateways.page.part import Publish, Put, Spawn, Tell
+from armadico.gateways.page.requests import Asked, RequestError
 from armadico.mesh.base import Mesh, Receiver
 from armadico.observe.watching import ASK_S, EVERYTHING, Heard, read_or_none
 from armadico.runtime.inbox import Inbox
@@ -68,6 +68,7 @@ class Session:
         self._meshes = {mesh.namespace: mesh for mesh in meshes}
         self._time = meshes[0]
         self._spawn = spawn
+        self._reader = reader()
         self._inbox = Inbox(meshes[0])
         self._shown: dict[str, dict[tuple[str, str], bytes]] = {}
         self._show_at = self._ask_at = self._tuned_at = self._tick_at = self._time.now()
@@ -104,7 +105,7 @@ class Session:
                 self._flush()
             now = self._time.now()
         for robot in self.robots.values():
-            robot.asked.wake(now)
+            robot.wake(now)
         self._flush()
         if now >= self._ask_at:
             self._ask_at = now + ASK_S
@@ -120,27 +121,27 @@ class Session:
         """It is shown at once what does not change, and the way that was driven."""
         self._shown[browser] = {}
         self._tuned_at = self._time.now()
-        still = {ns: robot.still | {"trail": robot.trail} for ns, robot in self.robots.items()}
+        still = {ns: robot.fixed | {"trail": robot.trail} for ns, robot in self.robots.items()}
         hello = {"type": "hello", "you": browser, "robots": still, "t": self._time.now()}
         self._tell(browser, hello)
 
     def _left(self, browser: str) -> None:
         self._shown.pop(browser, None)
         for robot in self.robots.values():
-            robot.asked.gone(browser)
+            robot.leave(browser)
 
     def _said(self, browser: str, data: str | bytes) -> None:
         """Do what a browser asks for, or say why not."""
         number = -1
         try:
-            request = read(data)
+            request = self._reader.read(data)
             number = request.id
-            self._robot(request).asked.ask(browser, request, self._time.now())
+            self._robot(request).request(browser, request, self._time.now())
         except RequestError as error:
             number = max(number, error.id)
             self._tell(browser, _answer(Tell(browser, number, False, str(error))))
 
-    def _robot(self, request: Request) -> Robot:
+    def _robot(self, request: Asked) -> Robot:
         robot = self.robots.get(request.robot)
         if robot is None:
             raise RequestError(f"there is no robot {request.robot!r} here")
@@ -148,7 +149,7 @@ class Session:
 
     def _flush(self) -> None:
         for namespace, robot in self.robots.items():
-            for out in robot.asked.take():
+            for out in robot.drain():
                 match out:
                     case Publish(message):
                         mesh = self._meshes[namespace]
@@ -214,7 +215,7 @@ class Session:
 
             def deliver() -> None:
                 message = read_or_none(Heard(robot.namespace, key, data, 0))
-                robot.heard(key, message, at, asked=asked)
+                robot.receive(key, message, at, asked=asked)
 
             service = service_at(key)
             events = service is not None and service.kind is Kind.EVENT
@@ -240,12 +241,12 @@ class Session:
             def deliver() -> None:
                 message = mesh.read(put.reply, key, data)
                 if message is not None:
-                    robot.asked.answered(put.number, message)
+                    robot.answered(put.number, message)
 
             self._inbox.put(lane, deliver)
 
         def over() -> None:
-            self._inbox.put(lane, robot.asked.answered, put.number, None)
+            self._inbox.put(lane, robot.answered, put.number, None)
 
         mesh.ask(put.key, put.message, put.timeout, arrived, over)
 

@@ -8,7 +8,6 @@ from typing import Final
 import rerun.blueprint as rrb
 
 from armadico.config.worlds import World
-from armadico.core.resources import WHEELS
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import TIMELINE
 
@@ -23,7 +22,7 @@ LOCAL_REACH_M: Final = 2.6
 
 UTILITY: Final = (-0.05, 1.05)
 
-VIEWS: Final = ("Global map", "Local map", "Utilities", "Holder of the wheels", "Holders")
+VIEWS: Final = ("Global map", "Local map", "Utilities")
 """The names of the views of one robot."""
 
 
@@ -45,7 +44,7 @@ def _page(namespace: str, world: World | None) -> rrb.Horizontal:
     reach = [-LOCAL_REACH_M, LOCAL_REACH_M]
     now = rrb.TimeRangeBoundary.cursor_relative
     window = rrb.VisibleTimeRange(TIMELINE, start=now(seconds=-WINDOW_S), end=now())
-    whole, local, utilities, wheels, holders = VIEWS
+    whole, local, utilities = VIEWS
     return rrb.Horizontal(
         rrb.Spatial2DView(
             origin=f"{root}/map",
@@ -67,14 +66,7 @@ def _page(namespace: str, world: World | None) -> rrb.Horizontal:
                 plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
                 time_ranges=window,
             ),
-            rrb.Tabs(  # at 1280 x 720 there is room for one lane, which the wheels get
-                rrb.StateTimelineView(
-                    origin=f"{root}/holders/{WHEELS.name}", name=wheels, time_ranges=window
-                ),
-                rrb.StateTimelineView(origin=f"{root}/holders", name=holders, time_ranges=window),
-                active_tab=0,
-            ),
-            row_shares=[9, 6, 3.5],
+            row_shares=[9, 7],
         ),
         column_shares=[11, 8],
         name=namespace,

@@ -34,7 +34,7 @@ from armadico.observe.dashboard.global_map import GlobalMap
 from armadico.observe.dashboard.local_map import LocalView, Zones
 from armadico.observe.dashboard.palette import NOBODY
 from armadico.observe.dashboard.utilities import Utilities
-from armadico.observe.view import View
+from armadico.observe.view import View, agent_of
 
 SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
@@ -96,12 +96,11 @@ class Scene:
         if taker is not None:
             self.view.learn(message, t)
             taker(message, t)
-            if isinstance(message, m.RobotState | m.Ack | m.Claim):
+            if isinstance(message, m.RobotState):
                 self.refresh(t)
 
     def refresh(self, t: float) -> None:
-        """Draw what changes with time: a resource without a holder, particles that are stale."""
-        self._utilities.update(self.view, t)
+        """Remove what is stale."""
         self._map.forget(t)
 
     # Inside --------------------------------------------------------------------------------------
@@ -116,7 +115,8 @@ class Scene:
         self._surroundings.describe(robot)
 
     def _pose(self, pose: Pose, t: float) -> None:
-        self._map.take_pose(pose, self._utilities.holders.get(WHEELS.name, NOBODY), t)
+        driver = self.view.driver(WHEELS.name, t)
+        self._map.take_pose(pose, NOBODY if driver is None else agent_of(driver), t)
 
     def _truth(self, truth: Truth, t: float) -> None:
         if truth is self.view.truth:  # and not another simulator's

@@ -1,4 +1,4 @@
-"""The utilities of all contenders for a resource as curves, and its holder as a lane.
+"""The utilities of all contenders for a resource as curves.
 
 The holder publishes its utility each cycle. The other contenders publish nothing and are asked for
 their recent bids (`agent/*/*/bids`); each bid is drawn at the time of the cycle that it was for.
@@ -14,45 +14,21 @@ import rerun as rr
 from armadico.core.messages import BidHistory, Claim, Cycle
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas
-from armadico.observe.dashboard.palette import NOBODY
-from armadico.observe.view import View, agent_of
+from armadico.observe.view import agent_of
 
 CYCLES: Final = 200
 """Cycles whose time is remembered: 20 s. Agents remember 50 bids."""
 
 
 class Utilities:
-    """Draws the contenders for every resource of one robot.
-
-    Attributes:
-        holders: By resource, the agent that holds it as drawn, or `NOBODY`.
-    """
+    """Draws the contenders for every resource of one robot."""
 
     def __init__(self, canvas: Canvas) -> None:
-        self.holders: dict[str, str] = {}
         self._canvas = canvas
         self._times: dict[Cycle, float] = {}
         self._drawn: dict[tuple[str, str], dict[Cycle, None]] = {}  # by resource and agent
         self._gap: dict[tuple[str, str], bool] = {}  # whether a curve's last point is one
-        self._known: dict[str, list[str]] = {}  # the agents of a lane, by resource
-
-    def update(self, view: View, t: float) -> None:
-        """Draw the lanes whose holder has changed.
-
-        The owner's ack decides. Without one the holder is shown by its claims.
-        """
-        for resource in view.claimed:
-            claim = view.claim(resource, t)
-            if resource in view.acks:
-                holder = view.driver(resource, t)
-            else:
-                holder = None if claim is None else claim.ballot.instance
-            name = NOBODY if holder is None else agent_of(holder)
-            if name != self.holders.get(resource):
-                self.holders[resource] = name
-                self._introduce(resource, NOBODY)
-                self._introduce(resource, name)
-                self._canvas.draw(f"holders/{resource}", t, rr.StateChange(state=name))
+        self._introduced: set[tuple[str, str]] = set()
 
     def take_cycle(self, cycle: Cycle, t: float) -> None:
         """Remember when a cycle was first received."""
@@ -91,14 +67,8 @@ class Utilities:
         self._canvas.draw(f"utility/{resource}/{name}", at, value)
 
     def _introduce(self, resource: str, name: str) -> None:
-        """Set the colours of an agent's curve and of its part of the lane, once."""
-        known = self._known.setdefault(resource, [])
-        if name in known:
-            return
-        known.append(name)
-        if name != NOBODY:
+        """Set the colour of an agent's curve, once."""
+        if (resource, name) not in self._introduced:
+            self._introduced.add((resource, name))
             line = rr.SeriesLines(colors=[palette.agent(name)], names=[name], widths=[2.5])
             self._canvas.fix(f"utility/{resource}/{name}", line)
-        colours = [palette.agent(each) for each in known]
-        look = rr.StateConfiguration(values=known, labels=known, colors=colours)
-        self._canvas.fix(f"holders/{resource}", look)

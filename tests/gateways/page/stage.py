@@ -11,7 +11,6 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from armadico.cli.page import missions
 from armadico.config.discovery import agent_class
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
@@ -69,7 +68,7 @@ class Stage:
         self.mesh = self.run.mesh
         self.place = VirtualSession(self.mesh, HOME)
         presses = iter(range(1, 1000))
-        robot = Robot(HOME, self.world, missions(), lambda: next(presses), ("teleop",))
+        robot = Robot(HOME, self.world, lambda: next(presses), ("teleop",))
         self.spawned: list[tuple[str, str]] = []
         self.session = Session({HOME: robot}, [self.place], self._spawn)
         self.robot = robot

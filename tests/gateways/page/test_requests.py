@@ -6,17 +6,18 @@ import json
 
 import pytest
 
+from armadico.agents.teleop.page import Hold
+from armadico.gateways.page.model import reader
 from armadico.gateways.page.requests import (
     LONGEST,
+    Asked,
     Goto,
-    Hold,
-    Request,
     RequestError,
     Resume,
     bits,
-    read,
 )
 
+READER = reader()
 GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
 
 
@@ -35,8 +36,8 @@ GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
         ),
     ],
 )
-def test_what_may_be_said(said: dict[str, object], request_: Request) -> None:
-    assert read(json.dumps(said)) == request_
+def test_what_may_be_said(said: dict[str, object], request_: Asked) -> None:
+    assert READER.read(json.dumps(said)) == request_
 
 
 @pytest.mark.parametrize(
@@ -70,7 +71,7 @@ def test_what_may_be_said(said: dict[str, object], request_: Request) -> None:
 )
 def test_anything_else_is_refused_whole(said: str | bytes) -> None:
     with pytest.raises(RequestError):
-        read(said)
+        READER.read(said)
 
 
 def test_a_number_beyond_what_travels_is_refused() -> None:

@@ -349,13 +349,16 @@ def test_who_drives_and_what_the_others_would_bid(stage: Stage) -> None:
 
 
 def test_why_it_stands_is_the_same_word_as_everywhere(stage: Stage) -> None:
-    assert stage.parts["standing"]["sort"] == "no goal"
+    assert stage.parts["standing"]["cause"]["sort"] == "no goal"
     stage.answer(stage.say("page 1", "stop"))
     stage.pass_(0.2)
-    assert (stage.parts["standing"]["sort"], stage.parts["standing"]["who"]) == ("stop", "page 1")
+    assert (stage.parts["standing"]["cause"]["sort"], stage.parts["standing"]["cause"]["who"]) == (
+        "stop",
+        "page 1",
+    )
     stage.mesh.node("robot").kill()
-    stage.until(lambda: stage.parts["standing"]["sort"] == "unreachable")
-    assert stage.parts["standing"]["who"] == "robot"
+    stage.until(lambda: stage.parts["standing"]["cause"]["sort"] == "unreachable")
+    assert stage.parts["standing"]["cause"]["who"] == "robot"
 
 
 def test_agents_that_nobody_keeps_up_are_not_restarted_and_it_says_why(stage: Stage) -> None:
@@ -403,6 +406,16 @@ def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage)
     assert answer["text"] == "there is no mission 'elsewhere'"
     answer = stage.answer(stage.say("page 1", "order", mission="surveillance"))
     assert not answer["ok"]  # nobody plans missions here
+
+
+def test_without_capabilities_the_page_drives_and_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armadico.gateways.page.model.capabilities", lambda: ())
+    stage = Stage()
+    stage.ready()
+    assert not {"board", "hand"} & stage.parts.keys()
+    assert "order" in stage.answer(stage.say("page 1", "order", mission="surveillance"))["text"]
+    assert stage.answer(stage.say("page 1", "go", x=1.0, y=0.0))["ok"]
+    assert stage.answer(stage.say("page 1", "stop"))["ok"]
 
 
 # Parameters ---------------------------------------------------------------------------------------
@@ -464,6 +477,6 @@ def test_who_contends_for_more_is_shown_with_its_bid_for_the_wheels() -> None:
     ]
     robot.token(who, there=True, t=1.0)
     for said in (card, m.BidHistory(who, tuple(bids))):
-        robot.heard("", said, 1.0, asked=True)
+        robot.receive("", said, 1.0, asked=True)
     (row,) = robot.parts(1.1)["wheels"]["contenders"]
     assert (row["utility"], row["why"]) == (0.4, "for the wheels")

@@ -69,7 +69,9 @@ def test_the_picture_has_the_walls_the_robot_and_its_goal(
 
 def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Overheard, Society]) -> None:
     society = Society(None, {})
-    society.view.pose = driven[1].view.pose
+    pose = driven[1].view.pose
+    assert pose is not None
+    society.view.learn(pose, 0.0)
     found = society.map()
     assert "--world" in found["note"]
     assert "#" not in "".join(found["picture"])

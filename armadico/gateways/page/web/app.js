@@ -13,7 +13,7 @@ let me = "";
 let stopping = false; // pressed while there was no connection
 let pressed = 0; // stops that were sent and are not answered
 
-const here = () => robots.get(chosen) ?? { still: { missions: [] }, parts: {} };
+const here = () => robots.get(chosen) ?? { still: {}, parts: {} };
 const degrees = (a) => Math.round((a * 180) / Math.PI);
 // A fleet's robots have the fleet's name in theirs.
 const short = (name) => {
@@ -76,7 +76,7 @@ function choose(name) {
   sessionStorage.setItem("robot", name);
   plan.choose(name);
   rows($("mission"), [], () => "", () => {});
-  $("mission").replaceChildren(...here().still.missions.map((m) => node("option", { value: m.name, textContent: m.title ? `${m.name}: ${m.title}` : m.name })));
+  $("mission").replaceChildren(...(here().still.missions ?? []).map((m) => node("option", { value: m.name, textContent: m.title ? `${m.name}: ${m.title}` : m.name })));
   tabs();
   draw({ ...empty, ...here().parts });
 }
@@ -145,7 +145,7 @@ function why() {
   put($("whyhead"), (first ?? "").replace(/ at ([\d.-]+) m\/s, [\d.-]+ rad\/s/, " at $1 m/s") + going);
   if (mission.tasks) rest.push(mission.tasks);
   rows($("whylines"), rest.map((text, i) => ({ text, i })), (r) => r.i, (child, r) => put(child, r.text));
-  const todo = found.sort === "stop" ? "Resume releases it" : (found.todo ?? "").replaceAll("`", "");
+  const todo = found.cause?.sort === "stop" ? "Resume releases it" : (found.cause?.todo ?? "").replaceAll("`", "");
   put($("whytodo"), found.stands && todo ? `${todo[0].toUpperCase()}${todo.slice(1)}.` : "");
   card.className = `card ${!parts.motion?.heard ? "dead" : found.stands ? "stands" : ""}`;
 }
@@ -183,7 +183,7 @@ function contest() {
 
 function others() {
   const found = here().parts.resources ?? [];
-  put($("others"), found.map((r) => `${r.name}: ${r.holder ?? "nobody"}`).join(" · "));
+  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? "nobody"}`).join(" · "));
 }
 
 function ago(t) {
@@ -221,11 +221,11 @@ function company() {
 }
 
 function board() {
-  rows($("board"), here().parts.board ?? [], (m) => m.mission, (child, m) => {
-    const cancel = m.over ? null : node("button", { textContent: "Cancel", ariaLabel: `Cancel ${m.name}`, onclick: () => ask({ do: "cancel", mission: m.mission }) });
+  rows($("board"), here().parts.board ?? [], (m) => m.number, (child, m) => {
+    const cancel = m.over ? null : node("button", { textContent: "Cancel", ariaLabel: `Cancel ${m.name}`, onclick: () => ask({ do: "cancel", mission: m.number }) });
     child.replaceChildren(node("div", { class: "row" },
       node("span", { class: "grow" }, node("b", { textContent: m.name }), " ", node("span", { class: "tag", textContent: m.state }), node("br"), node("small", { textContent: m.over ? m.note || `${m.done} done` : m.doing })), cancel),
-    m.ahead.length && !m.over ? node("small", { textContent: `then ${m.ahead.join(", ")}` }) : "");
+    m.ahead.length && !m.over ? node("small", { textContent: `then ${m.ahead.slice(0, 5).join(", ")}` }) : "");
   }, "No missions.");
 }
 

@@ -410,11 +410,11 @@ export class Plan extends EventTarget {
         ctx.fillRect(px - 1.5, py - 1.5, 3, 3);
       }
     }
-    if (m.deviation > 0.1) {
-      ctx.fillStyle = m.lost ? c.stop : c.accent;
+    if (m.deviation_m > 0.1) {
+      ctx.fillStyle = m.lost_s != null ? c.stop : c.accent;
       ctx.globalAlpha = 0.14;
       ctx.beginPath();
-      ctx.arc(...this.screen(m.x, m.y), 2 * m.deviation * this.view.k, 0, 7);
+      ctx.arc(...this.screen(m.x, m.y), 2 * m.deviation_m * this.view.k, 0, 7);
       ctx.fill();
       ctx.globalAlpha = 1;
     }

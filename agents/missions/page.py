@@ -1,0 +1,58 @@
+"""Missions on the control page: order a shipped one, cancel one, and the board (sans-IO)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from armadico.agents.missions.messages import MissionCancel
+from armadico.agents.missions.mission_file import Mission, load_mission
+from armadico.config.shipped import names
+from armadico.core.messages import Name
+from armadico.gateways.page.part import Part
+from armadico.gateways.page.requests import Asked, Number, RequestError, bits
+from armadico.observe import described
+
+
+class Order(Asked, frozen=True, tag="order"):
+    """Order a shipped mission."""
+
+    mission: Name
+
+
+class Cancel(Asked, frozen=True, tag="cancel"):
+    mission: Number
+
+
+class Missions(Part):
+    """Orders and cancels missions as any other client does."""
+
+    requests = (Order, Cancel)
+
+    @property
+    def fixed(self) -> Mapping[str, Any]:
+        """The missions that can be ordered."""
+        return {"missions": [{"name": m.name, "title": m.title} for m in _shipped().values()]}
+
+    def request(self, browser: str, request: Order | Cancel, t: float) -> None:  # noqa: ARG002
+        """Ask the interface agent."""
+        if isinstance(request, Cancel):
+            cancel = MissionCancel(bits(request.mission), browser)
+            self.desk.query(browser, request.id, cancel, lambda _: "cancelled")
+            return
+        mission = _shipped().get(request.mission)
+        if mission is None:
+            raise RequestError(f"there is no mission {request.mission!r}")
+        order = mission.order(None, browser)
+        self.desk.query(browser, request.id, order, lambda _: f"{mission.name} is ordered")
+
+    def show(self, parts: dict[str, Any], t: float) -> None:  # noqa: ARG002
+        """The board."""
+        parts["board"] = [described.errand(each) for each in self.view.missions]
+
+
+@cache
+def _shipped() -> dict[str, Mission]:
+    """The missions that come with Armadico, by name."""
+    return {mission.name: mission for mission in map(load_mission, names("missions"))}

@@ -1,0 +1,143 @@
+"""A view as dictionaries for JSON, one for `top --json`, the page and the MCP server (sans-IO).
+
+SI units and rad; None stands for what is not known. Each reader takes the sections that it shows.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any
+
+import msgspec
+
+from armadico.core.services import service_at
+from armadico.mobile.errand import Progress
+from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
+from armadico.observe.view import Seen, View, agent_of
+
+Section = dict[str, Any]
+
+
+def robot(view: View) -> Section | None:
+    """The robot's newest state."""
+    state, stop, level = view.state, view.stop, view.level
+    if state is None:
+        return None
+    return {
+        "v": state.v,
+        "w": state.w,
+        "battery_v": state.battery_v,
+        "battery_share": None if level is None else level.share,
+        "charging": state.charging,
+        "battery": view.battery,
+        "stalled": state.stalled,
+        "motors": state.motors,
+        "line": state.line.told,
+        "stopped_by": stop.by if stop.stopped else None,
+        "cycle": state.cycle.number,
+    }
+
+
+def pose(view: View, now: float) -> Section | None:
+    """The estimated pose and its uncertainty."""
+    at = view.pose
+    if at is None:
+        return None
+    known = bool(at.covariance)
+    return {
+        "x": at.x,
+        "y": at.y,
+        "theta": at.theta,
+        "deviation_m": at.deviation if known else None,
+        "deviation_rad": at.heading_deviation if known else None,
+        "confidence": view.confidence(now),
+        "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
+        "told": view.whereabouts(now),
+    }
+
+
+def mission(view: View) -> Section | None:
+    """The goal that the robot drives to, or drove to last."""
+    status = view.mission
+    if status is None:
+        return None
+    return {
+        "number": str(status.mission),
+        "state": status.state.value,
+        "to_go": status.to_go,
+        "note": status.note,
+    }
+
+
+def errand(of: Progress) -> Section:
+    """A mission of several tasks; JSON's numbers are too short for its number."""
+    return {
+        "number": str(of.number),
+        "name": of.name,
+        "state": of.state,
+        "over": of.over,
+        "priority": of.priority,
+        "doing": of.summary,
+        "ahead": list(of.ahead),
+        "note": of.note,
+        "done": of.done,
+        "by": of.by,
+    }
+
+
+def stands(
+    view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
+) -> Section:
+    """Whether the robot stands, and why, as sentences and a cause; see `standing`."""
+    found: Section = msgspec.to_builtins(standing(view, now, installed, hosts))
+    return found
+
+
+def resource(view: View, name: str, now: float) -> Section:
+    """Who claims a resource, whom its owner obeys, and who competes for it."""
+    claim, obeyed = view.claim(name, now), view.driver(name, now)
+    row: Section = {"resource": name, "holder": None}
+    row["obeyed"] = None if obeyed is None else agent_of(obeyed)
+    if claim is not None:
+        row |= {
+            "holder": claim.ballot.instance,
+            "utility": claim.utility,
+            "critical": claim.critical,
+            "term": claim.ballot.term,
+        }
+    return row | {"contenders": view.contenders(name)}
+
+
+def agent(seen: Seen) -> Section:
+    """An agent that is alive, by its card."""
+    card = seen.card
+    row: Section = {"name": seen.name, "instance": seen.instance, "answering": card is not None}
+    if card is not None:
+        row |= {"host": card.host, "pid": card.pid, "version": card.version}
+    return row
+
+
+def service(view: View, key: str, now: float) -> Section:
+    """How often a key is published, and how often it should be."""
+    rate, known = view.rates[key], service_at(key)
+    hz = rate.hz(now)
+    assert rate.last is not None, "something was received"
+    return {
+        "key": key,
+        "hz": None if hz is None else round(hz, 2),
+        "promised_hz": known.rate_hz if known else None,
+        "missed": rate.missed,
+        "age_s": round(now - rate.last, 2),
+        "messages": rate.count,
+    }
+
+
+def rounded(value: Any, digits: int = 3) -> Any:
+    """The same with fewer digits, through and through; 0 for what is not finite."""
+    if isinstance(value, float):
+        return round(value, digits) if isfinite(value) else 0.0
+    if isinstance(value, dict):
+        return {name: rounded(each, digits) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(each, digits) for each in value]
+    return value
