@@ -16,7 +16,7 @@ from armadico.agents.methods.utility import (
     PEOPLES,
     ramp_down,
 )
-from armadico.agents.missions.errands import Errand, PlanDesk, Stage
+from armadico.agents.missions.errands import Errand, PlanDesk
 from armadico.agents.missions.messages import (
     BatteryAlarm,
     ChargeRequest,
@@ -34,6 +34,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Message, RobotState, line
 from armadico.core.resources import Resource
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.driven import Stage
 from armadico.mobile.geometry import compose, relative
 from armadico.mobile.messages import (
     BatteryLevel,

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from armadico.agents.methods.utility import of_mission
 from armadico.agents.missions.board import Entry, Missions, RefusedError
-from armadico.agents.missions.errands import Errand, Stage
+from armadico.agents.missions.errands import Errand
 from armadico.agents.missions.messages import (
     PLACES,
     Alarm,
@@ -60,6 +60,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Card, Message, Point, RobotState, line, next_count
 from armadico.core.resources import Resource
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     BatteryLevel,
     MissionReply,

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.missions.errands import Stage
 from armadico.config.scenarios import load_scenario
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import Claim, Point, RobotState, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     MissionRequest,
     MissionState,
