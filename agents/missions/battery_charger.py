@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
 from functools import partial
 from math import hypot, inf
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -64,6 +66,38 @@ SAY_S = 1.0
 PATIENCE_S = 5.0
 """A plan that has not come by then does not."""
 
+
+class Event(StrEnum):
+    """What happens to a robot that is to be charged."""
+
+    DRIVEN = "it is driven to a dock"
+    ENDED = "it is not driven to a dock"
+    LINED_UP = "it stands before a dock"
+    CONTACT = "the charger has contact"
+    NO_CONTACT = "the charger has no contact"
+    WANTED = "another agent has it driven elsewhere"
+    OUT = "it is out of the dock"
+
+
+TRANSITIONS: Final[dict[tuple[ChargeState, Event], ChargeState]] = {
+    (ChargeState.NONE, Event.DRIVEN): ChargeState.TO_DOCK,
+    (ChargeState.NONE, Event.LINED_UP): ChargeState.DOCKING,
+    (ChargeState.NONE, Event.CONTACT): ChargeState.CHARGING,
+    (ChargeState.NONE, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.TO_DOCK, Event.ENDED): ChargeState.NONE,
+    (ChargeState.TO_DOCK, Event.LINED_UP): ChargeState.DOCKING,
+    (ChargeState.TO_DOCK, Event.CONTACT): ChargeState.CHARGING,
+    (ChargeState.TO_DOCK, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.DOCKING, Event.CONTACT): ChargeState.CHARGING,
+    (ChargeState.DOCKING, Event.NO_CONTACT): ChargeState.LEAVING,
+    (ChargeState.DOCKING, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.CHARGING, Event.NO_CONTACT): ChargeState.NONE,
+    (ChargeState.CHARGING, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.LEAVING, Event.OUT): ChargeState.NONE,
+    (ChargeState.LEAVING, Event.LINED_UP): ChargeState.DOCKING,
+}
+"""Which state follows: an event that is not listed for a state changes nothing."""
+
 IN_DOCK = (ChargeState.DOCKING, ChargeState.CHARGING, ChargeState.LEAVING)
 ASKED = 0.3
 """Utility of a plan that somebody waits for, and"""
@@ -99,6 +133,14 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     contact_s: Seconds = 3.0  # it stands for so long without contact: the next attempt
     docking_s: Seconds = 60.0  # an attempt takes no longer
     again_s: Seconds = 20.0  # after a way to a dock that failed
+
+
+@dataclass(frozen=True)
+class Sent:
+    """That a charge was asked for: up to which share, and when, s."""
+
+    until: float = 0.0
+    at: float = -inf
 
 
 class BatteryCharger(Agent):
@@ -146,7 +188,7 @@ class BatteryCharger(Agent):
         self._level_at: float | None = None
         self._dead = self._warned = False
         self._said_at = -inf
-        self._until, self._sent_at = 0.0, -inf  # the share that was asked for, and when
+        self._sent = Sent()
         self._foreign = False  # somebody else has the robot driven somewhere
 
     # What it hears -------------------------------------------------------------------------------
@@ -212,7 +254,7 @@ class BatteryCharger(Agent):
         assert isinstance(request, ChargeRequest)
         if not self._docks:
             return MissionReply(0, "no dock on the map")
-        self._until, self._sent_at = request.until, self.now
+        self._sent = Sent(request.until, self.now)
         return MissionReply(1)
 
     # What it bids --------------------------------------------------------------------------------
@@ -237,7 +279,7 @@ class BatteryCharger(Agent):
             return 0.0
         if self._critical:
             return CHARGE_NOW
-        sent = share < self._until and self.now - self._sent_at < SENT_S
+        sent = share < self._sent.until and self.now - self._sent.at < SENT_S
         if self._state is ChargeState.CHARGING:
             worth = ramp_down(share, p.urgent, p.ready, CHARGE_SOON)
         else:
@@ -296,8 +338,7 @@ class BatteryCharger(Agent):
             self._leave(pose)
         elif self._foreign and lane is not None and (state.charging or self._docked):
             self._dock, self._attempt = lane, 0
-            self.errand.drop()
-            self._became(ChargeState.LEAVING)
+            self._end(Event.WANTED)
         elif self._state is ChargeState.DOCKING:
             self._watch_docking(state, pose)
         elif state.charging:
@@ -305,10 +346,9 @@ class BatteryCharger(Agent):
                 self._dock = lane or self._dock
                 self._arrive(pose)
         elif self._state is ChargeState.CHARGING:
-            self.errand.drop()
-            self._became(ChargeState.NONE)
+            self._end(Event.NO_CONTACT)
         elif self.utility <= 0.0:
-            self._give_up()
+            self._end(Event.ENDED)
         elif lane is not None and not self.errand.under_way and lane not in self._shunned:
             self._dock = lane  # a charger before this one got so far, or it slipped off
             self._begin_docking(pose)
@@ -319,26 +359,23 @@ class BatteryCharger(Agent):
     def _docked(self) -> bool:
         return self._state in (ChargeState.CHARGING, ChargeState.DOCKING)
 
-    def _give_up(self) -> None:
+    def _end(self, event: Event) -> None:
         self.errand.drop()
-        self._became(ChargeState.NONE)
+        self._on(event)
 
     def _drive(self, pose: Pose, state: RobotState) -> None:
         """To where the robot lines up with the nearest dock."""
         errand = self.errand
         if errand.stage is Stage.REACHED:
             if self._foreign:
-                errand.drop()
-                self._became(ChargeState.NONE)
+                self._end(Event.ENDED)
             else:
                 self._begin_docking(pose)
         elif errand.stage is Stage.FAILED:
             self._shun(errand.note)
-            errand.drop()
-            self._became(ChargeState.NONE)
+            self._end(Event.ENDED)
         elif errand.under_way:
-            driven = errand.stage is Stage.DRIVING
-            self._became(ChargeState.TO_DOCK if driven else ChargeState.NONE)
+            self._on(Event.DRIVEN if errand.stage is Stage.DRIVING else Event.ENDED)
         elif pose.deviation > LOST_M:
             self._dock = self._dock or next(iter(self._docks))
             self._set_out(pose, state)
@@ -357,7 +394,7 @@ class BatteryCharger(Agent):
         """Drive in, as soon as nothing else is driven."""
         self.errand.stand(pose, planned=False)
         if self.errand.stands:
-            self._became(ChargeState.DOCKING)
+            self._on(Event.LINED_UP)
             self._still_at = self.now
 
     def _watch_docking(self, state: RobotState, pose: Pose) -> None:
@@ -370,14 +407,14 @@ class BatteryCharger(Agent):
         ):
             self._attempt += 1
             self.log(f"no contact in {self._dock}, attempt {self._attempt}", WARNING)
-            self._became(ChargeState.LEAVING)
+            self._on(Event.NO_CONTACT)
 
     def _arrive(self, pose: Pose) -> None:
         if self._state is ChargeState.DOCKING:
             self.log(f"in {self._dock}, charging: {100.0 * self._share:.0f} %")
         self._attempt = 0
         self.errand.stand(pose, planned=False)
-        self._became(ChargeState.CHARGING)
+        self._on(Event.CONTACT)
 
     def _leave(self, pose: Pose) -> None:
         """Until the robot is out; an attempt that met no contact is followed by another."""
@@ -390,8 +427,7 @@ class BatteryCharger(Agent):
         elif self._attempt and not self._foreign and self._lane(pose) is not None:
             self._begin_docking(pose)
             return
-        self.errand.drop()
-        self._became(ChargeState.NONE)
+        self._end(Event.OUT)
 
     def _shun(self, why: str) -> None:
         """Not to this dock for a while."""
@@ -399,7 +435,8 @@ class BatteryCharger(Agent):
         self._shunned[self._dock] = self.now + self.p.again_s
         self._needed, self._needed_at, self._attempt = None, -inf, 0
 
-    def _became(self, state: ChargeState) -> None:
+    def _on(self, event: Event) -> None:
+        state = TRANSITIONS.get((self._state, event), self._state)
         if state is not self._state:
             self._state, self._since, self._said_at = state, self.now, -inf
 
