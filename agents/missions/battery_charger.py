@@ -18,7 +18,7 @@ from armadico.agents.methods.utility import (
     PEOPLES,
     ramp_down,
 )
-from armadico.agents.missions.errands import Errand, PlanDesk
+from armadico.agents.missions.errands import DeliberativeAgent, PlanDesk
 from armadico.agents.missions.messages import (
     BatteryAlarm,
     ChargeRequest,
@@ -31,7 +31,7 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import DOCK_LANE_M, before, load_world
 from armadico.config.worlds import Pose as Place
 from armadico.core import agent
-from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.agent import WARNING, Question
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message, RobotState, line
 from armadico.core.resources import Resource
@@ -48,7 +48,7 @@ from armadico.mobile.messages import (
     Trajectory,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER, TRAJECTORY
+from armadico.mobile.resources import PLANNER
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=86_400)]
@@ -143,7 +143,7 @@ class Sent:
     at: float = -inf
 
 
-class BatteryCharger(Agent):
+class BatteryCharger(DeliberativeAgent):
     """Competes for the planner and the trajectory, the more the less is left.
 
     It goes to the dock that costs least, lines up before it, and has the dock agent drive in. What
@@ -159,7 +159,6 @@ class BatteryCharger(Agent):
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ChargeStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest)
-    competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile", "capacity_ah")
     changeable: ClassVar = {"reserve": "", "idle_below": "", "urgent": "", "ready": ""}
@@ -169,7 +168,6 @@ class BatteryCharger(Agent):
         super().__init__(identity, parameters)
         self._docks: Mapping[str, Place] = load_world(self.p.world).docks
         self._battery = load_profile(self.p.profile).battery
-        self.errand = Errand(self.rng)
         self._desk = PlanDesk(self.rng)  # for what is only to be known
         self._questions: list[tuple[Question, EnergyRequest]] = []
         self._asking_for: tuple[Question, EnergyRequest] | None = (
@@ -210,21 +208,13 @@ class BatteryCharger(Agent):
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Where the robot is driven, by whomever."""
-        self.errand.trajectory(trajectory)
+        super().on_trajectory(trajectory)
         self._foreign = bool(trajectory.waypoints) and trajectory.mission not in self.errand.ways
 
     def on_planned(self, planned: Planned) -> None:
         """A plan was made, of the way or of another."""
-        self.errand.planned(planned)
+        super().on_planned(planned)
         self._desk.take(planned)
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        """How far the way has come."""
-        self.errand.status(status)
-
-    def on_pose(self, pose: Pose) -> None:
-        """Follow the way that is driven."""
-        self.errand.pose(pose)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Look how things stand, once a cycle, and say so."""

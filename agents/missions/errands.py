@@ -13,9 +13,11 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from math import cos, sin
+from typing import Any, ClassVar
 
+from armadico.core.agent import Agent, Identity
 from armadico.core.exchange import Bid
-from armadico.core.messages import Point
+from armadico.core.messages import Message, Point
 from armadico.core.resources import Resource
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.driven import UNDER_WAY, Event, Stage, event_of, following
@@ -30,7 +32,7 @@ from armadico.mobile.messages import (
     Way,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER
+from armadico.mobile.resources import PLANNER, TRAJECTORY
 from armadico.mobile.route import Route
 
 BITS = 63
@@ -270,6 +272,33 @@ class Errand:
             return
         if way.waypoints != driven.waypoints or way.leg != driven.leg:
             self._way = Way(way.id, driven.waypoints, driven.start, driven.leg, way.planned)
+
+
+class DeliberativeAgent(Agent):
+    """An agent that has the robot driven by an errand: it hands it what it receives.
+
+    A subclass sends the robot off (`errand.go`), and bids what `errand.bid_for` returns. It lists
+    these messages in its own `hears`, too.
+    """
+
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
+    competes_for = (PLANNER, TRAJECTORY)
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.errand = Errand(self.rng)
+
+    def on_pose(self, pose: Pose) -> None:
+        self.errand.pose(pose)
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        self.errand.trajectory(trajectory)
+
+    def on_planned(self, planned: Planned) -> None:
+        self.errand.planned(planned)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        self.errand.status(status)
 
 
 def _leads_back(place: Waypoint, plan: Plan) -> bool:

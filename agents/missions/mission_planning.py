@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from armadico.agents.methods.utility import of_mission
 from armadico.agents.missions.alarms import Alarms
 from armadico.agents.missions.board import Entry, Missions, RefusedError
-from armadico.agents.missions.errands import Errand
+from armadico.agents.missions.errands import DeliberativeAgent
 from armadico.agents.missions.messages import (
     PLACES,
     Alarm,
@@ -69,7 +69,7 @@ from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
-from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.agent import WARNING, Question
 from armadico.core.exchange import Bid
 from armadico.core.messages import Card, Message, Point, RobotState, line, next_count
 from armadico.core.resources import Resource
@@ -78,14 +78,12 @@ from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     BatteryLevel,
     MissionReply,
-    MissionStatus,
-    Planned,
     Pose,
     Trajectory,
     Way,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER, TRAJECTORY
+from armadico.mobile.resources import TRAJECTORY
 
 FULL: Final = 0.9
 """A battery with so much left is not charged for the sake of a way that takes even more."""
@@ -131,7 +129,7 @@ class Halt:
     until: float  # s
 
 
-class MissionPlanning(Agent):
+class MissionPlanning(DeliberativeAgent):
     """Has its missions' tasks carried out, and coordinates the planner agents (figure 3.19).
 
     All that it knows is on the board, a latched state: who starts again goes on. It contends for
@@ -142,13 +140,12 @@ class MissionPlanning(Agent):
     name = "mission-planning"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
-        *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
-        *(Alarm, Subplan, BatteryLevel, ChargeStatus),
+        *DeliberativeAgent.hears,
+        *(ExploreStatus, Board, Alarm, Subplan, BatteryLevel, ChargeStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
     asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
-    competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -161,7 +158,6 @@ class MissionPlanning(Agent):
         self._coordinator = Coordinator()
         self._alive: set[str] = set()  # instances
         self._asked_for: tuple[Any, ...] = ()  # the step that planner agents were asked about last
-        self._errand = Errand(self.rng)
         self._by = self.rng.getrandbits(63)
         self._alarms = Alarms(self._places.rooms)
         self._wanted: Wanted | None = None
@@ -236,20 +232,6 @@ class MissionPlanning(Agent):
         if active is not None:
             self._left = active.told.way
             self.log(f"mission {active.told.name} goes on")
-
-    def on_pose(self, pose: Pose) -> None:
-        """Where the robot is on the way that is driven."""
-        self._errand.pose(pose)
-
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        self._errand.trajectory(trajectory)
-
-    def on_planned(self, planned: Planned) -> None:
-        self._errand.planned(planned)
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        """How far whoever's way has come."""
-        self._errand.status(status)
 
     def on_explore_status(self, status: ExploreStatus) -> None:
         """How far an exploration has come."""
@@ -327,7 +309,7 @@ class MissionPlanning(Agent):
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
-        if resource is TRAJECTORY and self._halt is not None and not self._errand.under_way:
+        if resource is TRAJECTORY and self._halt is not None and not self.errand.under_way:
             return Bid(of_mission(1.0), self._halt.way, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
@@ -336,7 +318,7 @@ class MissionPlanning(Agent):
         worth = of_mission(active.told.priority)
         wants = self._wanted
         cleared = not isinstance(wants, Driving) or wants.energy is Energy.CLEARED
-        return self._errand.bid_for(resource, worth, cleared=cleared)
+        return self.errand.bid_for(resource, worth, cleared=cleared)
 
     # The missions ---------------------------------------------------------------------------------
 
@@ -373,7 +355,7 @@ class MissionPlanning(Agent):
             if self._waits_for_pose(beliefs):
                 entry.told = replace(entry.told, note=UNKNOWN)
             elif entry is before and self._is_away:
-                entry.told = replace(entry.told, way=self._errand.way, note=AWAY)
+                entry.told = replace(entry.told, way=self.errand.way, note=AWAY)
             else:
                 self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
@@ -451,7 +433,7 @@ class MissionPlanning(Agent):
         if not self._still_wants(key):
             self._want(key)
             self._carry_out(entry, beliefs)
-        way, note = self._errand.way, self._doings()
+        way, note = self.errand.way, self._doings()
         entry.told = replace(entry.told, way=way, note=note)
         self._missions.show(entry, beliefs.room)
 
@@ -474,10 +456,10 @@ class MissionPlanning(Agent):
 
     def _doings(self) -> str:
         """What keeps what is wanted, for people."""
-        if self._errand.interrupted:
+        if self.errand.interrupted:
             return "somebody more urgent has the robot driven"
-        if self._errand.under_way:
-            return line(self._errand.note)
+        if self.errand.under_way:
+            return line(self.errand.note)
         return "" if self._wanted is None else self._wanted.note
 
     def _publish_board(self) -> None:
@@ -503,18 +485,18 @@ class MissionPlanning(Agent):
             self._halt_exploring()
         request: Request | None = None if key is None else key[2]
         if isinstance(request, Drive) or (
-            isinstance(request, Stand) and self._errand.stage is not Stage.DRIVING
+            isinstance(request, Stand) and self.errand.stage is not Stage.DRIVING
         ):
-            self._errand.pause()
+            self.errand.pause()
         else:
-            self._errand.drop()
+            self.errand.drop()
         self._wanted = None if key is None else wanted(key, self.now)
         if self._wanted is None:
             return
         left, self._left = self._left, 0
         if isinstance(request, Drive) and isinstance(self._wanted, Driving) and left:
             goal = self._goal(request, self._beliefs().at)
-            if goal is not None and self._errand.resume(goal, left):
+            if goal is not None and self.errand.resume(goal, left):
                 self._wanted.energy = Energy.CLEARED
 
     def _ordered(self, key: Key, reply: MissionReply | None, what: str) -> None:
@@ -559,7 +541,7 @@ class MissionPlanning(Agent):
 
         Without a way back for a while the task stands where it is, and may fail for that.
         """
-        errand, pose = self._errand, self.fresh(Pose)
+        errand, pose = self.errand, self.fresh(Pose)
         if wants.at is None:
             wants.at = None if self._is_driven else beliefs.at
             if wants.at is not None and pose is not None:
@@ -579,8 +561,8 @@ class MissionPlanning(Agent):
 
     def _stand(self, pose: Pose) -> None:
         """Have the robot kept where it stands: what that is worth, others see by the bid."""
-        if self._errand.standing is None and not self._is_driven:
-            self._errand.stand(pose)
+        if self.errand.standing is None and not self._is_driven:
+            self.errand.stand(pose)
 
     def _charge(self, wants: Charging, request: Charge) -> None:
         """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""
@@ -609,7 +591,7 @@ class MissionPlanning(Agent):
             wants.fail("the explore agent says nothing")
 
     def _drive(self, entry: Entry, wants: Driving, request: Drive, beliefs: Beliefs) -> None:
-        errand, pose = self._errand, self.fresh(Pose)
+        errand, pose = self.errand, self.fresh(Pose)
         if errand.stage is Stage.REACHED:
             wants.reach = Reach.DONE
             errand.stand(pose)
@@ -645,8 +627,8 @@ class MissionPlanning(Agent):
 
     def _not_planned(self, wants: Driving) -> None:
         """No way, or one that was given up: try again for a while, for people walk on."""
-        plan, why = self._errand.plan, self._errand.note
-        self._errand.drop()
+        plan, why = self.errand.plan, self.errand.note
+        self.errand.drop()
         wants.energy = Energy.UNKNOWN
         if plan is not None and not plan.refusal:
             wants.fail(why)
@@ -655,7 +637,7 @@ class MissionPlanning(Agent):
 
     def _look_at_energy(self, entry: Entry, wants: Driving, beliefs: Beliefs) -> None:
         """Ask the battery charger whether there is enough for the way, and to a dock (3.2.2)."""
-        errand = self._errand
+        errand = self.errand
         assert errand.goal is not None, "it has a plan"
         assert errand.plan is not None, "it has a plan"
 
