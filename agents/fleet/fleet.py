@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 from math import inf
 from typing import Annotated, Any, ClassVar, Final
 
@@ -15,7 +16,6 @@ from armadico.agents.fleet.messages import (
     FleetReply,
     FleetRequest,
     FleetStatus,
-    FleetTask,
     FleetTasks,
 )
 from armadico.agents.fleet.task_sharing import TaskSharing, done_of
@@ -26,6 +26,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Cycle, Description, Message, RobotState, line, next_count
 from armadico.core.services import service_of
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.driven import Event, Ordered
 from armadico.mobile.messages import (
     BatteryLevel,
     FleetPose,
@@ -80,6 +81,36 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """and for so long it is not tried again; twice as long each time."""
 
 
+class Work:
+    """One list of tasks that this robot works on, with others or alone.
+
+    Attributes:
+        list: The list.
+        sharing: Which robot holds which of its tasks, as far as is known.
+        tours: The ways between the tasks.
+        order: The tasks that this robot holds, in the order in which it does them.
+        barred: Until when a task is not tried, s.
+        tries: How often each task was tried in vain.
+        finished: Whether the list is over.
+    """
+
+    def __init__(self, tasks: FleetTasks, sharing: TaskSharing, cruise_m_s: float) -> None:
+        self.list, self.sharing = tasks, sharing
+        places, looks = [task.goal for task in tasks.tasks], [task.look_s for task in tasks.tasks]
+        self.tours = Tours(places, looks, cruise_m_s)
+        self.order: list[int] = []
+        self.barred: dict[int, float] = {}
+        self.tries: Counter[int] = Counter()
+        self.finished = False
+
+    @property
+    def held(self) -> list[int]:
+        """The tasks that it holds: in their order, then those that have no place in it yet."""
+        mine = self.sharing.mine
+        order = [task for task in self.order if task in mine]
+        return [*order, *(task for task in mine if task not in order)]
+
+
 class Fleet(Agent):
     """Bids for tasks against the other robots' fleet agents, and drives by missions of its own.
 
@@ -105,23 +136,14 @@ class Fleet(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
-        self._list: FleetTasks | None = None
-        self._finished: set[int] = set()  # lists that are done
-        self.sharing: TaskSharing | None = None
-        self._tours = Tours((), (), self.p.cruise_m_s)
-        self._order: list[int] = []  # of what it holds
+        self.work: Work | None = None
+        self._over: set[int] = set()  # the lists before, whether they were done or not
         self._doing: int | None = None
-        self._mission = 0  # by which that is driven to
-        self._missions: set[int] = set()  # that it asked for
-        self._asking = False
+        self._drive = Ordered()  # to what it is doing
         self._looks_until: float | None = None
-        self._to_go = self._nearest = inf  # m, to what it is doing
-        self._nearer_at = 0.0
         self._waits_since: float | None = None  # before a passage
         self._elsewhere = False  # somebody has sent the robot
         self._pose_at = self._status_at = -inf  # when they last came
-        self._barred: dict[int, float] = {}  # until when a task is not tried, s
-        self._tries: dict[int, int] = {}
         self._plans = 0  # that may still be asked for in this cycle
         self._planning = False
         self._say_at = 0.0
@@ -165,29 +187,27 @@ class Fleet(Agent):
         """Take a list on for all of the fleet; if it works on one, only instead of that."""
         request = question.request
         assert isinstance(request, FleetRequest)
-        sharing = self.sharing
-        at_work = sharing is not None and not sharing.over(self.now)
-        if self._list is not None and sharing is not None and at_work and not request.replace:
-            left, all_ = len(sharing.open), len(self._list.tasks)
+        work = self.work
+        if work is not None and not work.sharing.over(self.now) and not request.replace:
+            left, all_ = len(work.sharing.open), len(work.list.tasks)
             why = f"the fleet works on a list of {all_}, of which {left} are not done yet"
             return FleetReply(0, why)
-        known = 0 if self._list is None else self._list.id
-        self._adopt(FleetTasks(1 + self.rng.getrandbits(62), known, request.tasks))
-        assert self._list is not None, "it was taken on"
-        self.publish(self._list)
-        self._remember()
-        return FleetReply(self._list.id)
+        known = 0 if work is None else work.list.id
+        tasks = FleetTasks(1 + self.rng.getrandbits(62), known, request.tasks)
+        work = self._adopt(tasks)
+        self.publish(tasks)
+        self._remember(work)
+        return FleetReply(tasks.id)
 
     def on_fleet_tasks(self, said: FleetTasks) -> None:
         """A list: taken on, if one's own is done or is the one before it."""
-        known = self._list
-        if known is None or said.follows == known.id or known.id in self._finished:
-            if said.id not in self._finished and (known is None or said.id != known.id):
-                self._adopt(said)
-                self._remember()
+        work = self.work
+        if work is None or said.follows == work.list.id or work.finished:
+            if said.id not in self._over and (work is None or said.id != work.list.id):
+                self._remember(self._adopt(said))
             return
         self._give_at = None  # somebody was faster
-        if said.id not in (known.id, known.follows):
+        if said.id not in (work.list.id, work.list.follows):
             fleet = self.p.namespace.rpartition("/")[0]
             why = (
                 f"a list that is not this fleet's, whose own is not done yet: two fleets are named"
@@ -197,25 +217,22 @@ class Fleet(Agent):
 
     def on_fleet_claims(self, said: FleetClaims) -> None:
         """What another robot holds, and knows to be done."""
-        sharing, known = self.sharing, self._list
-        if said.instance == self.instance:
+        work = self.work
+        if said.instance == self.instance or work is None:
             return
-        if sharing is None or known is None or said.cycle.epoch != known.id:
-            left = known is not None and (
-                known.id not in self._finished or said.cycle.epoch == known.follows
-            )
-            late = self.now > self._given_at + GIVEN_S
-            if (left or said.cycle == NO_LIST) and known is not None and late:
+        if said.cycle.epoch != work.list.id:
+            left = not work.finished or said.cycle.epoch == work.list.follows
+            if (left or said.cycle == NO_LIST) and self.now > self._given_at + GIVEN_S:
                 if self._give_at is None:
                     self._give_at = self.now + self.rng.uniform(0.0, GIVE_S)
                 self._set_alarm()
             return
-        before = len(sharing.done)
-        if sharing.hear(said, self.now):
-            self._begin_cycle()
-        if len(sharing.done) != before:
-            self._remember()
-        self._look_whether_done()
+        before = len(work.sharing.done)
+        if work.sharing.hear(said, self.now):
+            self._begin_cycle(work)
+        if len(work.sharing.done) != before:
+            self._remember(work)
+        self._look_whether_done(work)
         self._go_on()
 
     def on_fleet_passages(self, said: FleetPassages) -> None:
@@ -227,47 +244,46 @@ class Fleet(Agent):
             return
         self._waits_since = self._waits_since or self.now
         if self.now - self._waits_since <= WAITS_MOST_S:
-            self._nearer_at = self.now
+            self._drive.nearer_at = self.now
 
     def on_fleet_board(self, board: FleetBoard) -> None:
         """What the other agents of this robot remember: this one was started again."""
-        if self._list is None and board.tasks:
-            self._adopt(FleetTasks(board.list, board.follows, board.tasks))
-        if self.sharing is not None and self._list is not None and board.list == self._list.id:
-            self.sharing.learn(board.done)
-            self._missions.add(board.mission)
-            self._look_whether_done()
+        work = self.work
+        if work is None and board.tasks:
+            work = self._adopt(FleetTasks(board.list, board.follows, board.tasks))
+        if work is not None and board.list == work.list.id:
+            work.sharing.learn(board.done)
+            self._drive.own.add(board.mission)
+            self._look_whether_done(work)
 
     def on_mission_status(self, status: MissionStatus) -> None:
         """How far the robot is, if it is driven for a task."""
         self._status_at = self.now
         under_way = status.state in (MissionState.DRIVING, MissionState.PLANNING)
-        self._elsewhere = under_way and status.mission not in self._missions
-        if self._elsewhere and not self._asking:
+        self._elsewhere = under_way and status.mission not in self._drive.own
+        if self._elsewhere and not self._drive.pending:
             self._drop("somebody has sent the robot elsewhere")
-        if self._doing is None or not self._mission or status.mission != self._mission:
+        work, doing, mission = self.work, self._doing, self._drive.mission
+        if work is None or doing is None or not mission or status.mission != mission:
             return
-        self._to_go = status.to_go
-        if status.to_go < self._nearest - 0.1:
-            self._nearest, self._nearer_at = status.to_go, self.now
-        if status.state is MissionState.REACHED and self._looks_until is None:
-            assert self._list is not None, "of a list"
-            self._looks_until = self.now + self._list.tasks[self._doing].look_s
+        event = self._drive.update(status, self.now)
+        if event is Event.REACHED:
+            self._looks_until = self.now + work.list.tasks[doing].look_s
             self._set_alarm()
-        elif status.state is MissionState.FAILED:
-            self._bar(self._doing, status.note)
-        elif under_way and self.now - self._nearer_at > self.p.stuck_s:
-            self._bar(self._doing, f"no nearer for {self.p.stuck_s:g} s")
+        elif event is Event.FAILED:
+            self._bar(work, doing, status.note)
+        elif under_way and self.now - self._drive.nearer_at > self.p.stuck_s:
+            self._bar(work, doing, f"no nearer for {self.p.stuck_s:g} s")
 
     def on_wakeup(self) -> None:
         """Count on, take over, look no longer, give the list: whatever it is time for."""
+        work = self.work
         if self._give_at is not None and self.now >= self._give_at:
             self._give_at, self._given_at = None, self.now
-            if self._list is not None:
-                self.publish(self._list)
-        sharing = self.sharing
-        if sharing is not None and self.now >= sharing.wakeup and sharing.wake(self.now):
-            self._begin_cycle()
+            if work is not None:
+                self.publish(work.list)
+        if work is not None and self.now >= work.sharing.wakeup and work.sharing.wake(self.now):
+            self._begin_cycle(work)
         if self.now >= self._say_at:
             self._say_at = self.now + SAY_S
             self._report()
@@ -275,36 +291,36 @@ class Fleet(Agent):
 
     # Its turn ------------------------------------------------------------------------------------
 
-    def _begin_cycle(self) -> None:
-        assert self.sharing is not None, "a cycle of a list has begun"
-        self._look_whether_done()
+    def _begin_cycle(self, work: Work) -> None:
+        self._look_whether_done(work)
         self._plans = PLANS
-        self.sharing.turn(self._bids, self.now)
+        work.sharing.turn(lambda: self._bids(work), self.now)
 
-    def _bids(self) -> Mapping[int, Bid]:
+    def _bids(self, work: Work) -> Mapping[int, Bid]:
         """What the robot would do."""
-        sharing, pose = self.sharing, self.fresh(Pose)
+        pose = self.fresh(Pose)
         self._note = self._unfit(pose)
-        over = self._list is not None and self._list.id in self._finished
-        if self._note or over or sharing is None or pose is None:
-            self._order = []
+        if self._note or work.finished or pose is None:
+            work.order = []
             return {}
-        self._barred = {task: until for task, until in self._barred.items() if until > self.now}
+        work.barred = {task: until for task, until in work.barred.items() if until > self.now}
         level = self.fresh(BatteryLevel)
         if level is not None:
-            self._tours.left_j = max(level.joules, 1.0)
-        held = [task for task in sharing.mine if task not in self._barred]
+            work.tours.left_j = max(level.joules, 1.0)
+        held = [task for task in work.sharing.mine if task not in work.barred]
         pinned = self._doing if self._doing in held else None
-        self._order = self._tours.ordered(pose, held, pinned)
-        return self._tours.bids(
-            sharing, pose, self._order, self._barred, self._first_s(pinned), pinned is not None
+        work.order = work.tours.ordered(pose, held, pinned)
+        first_s = self._first_s(pinned)
+        return work.tours.bids(
+            work.sharing, pose, work.order, work.barred, first_s, pinned is not None
         )
 
     def _first_s(self, pinned: int | None) -> float | None:
         """How long it still takes to what it is doing."""
-        if pinned is None or not self._mission or self._to_go == inf:
+        to_go = self._drive.to_go
+        if pinned is None or not self._drive.mission or to_go == inf:
             return None
-        return 0.0 if self._looks_until is not None else TURN_S + self._to_go / self.p.cruise_m_s
+        return 0.0 if self._looks_until is not None else TURN_S + to_go / self.p.cruise_m_s
 
     def _unfit(self, pose: Pose | None) -> str:
         """Why the robot can do nothing now; "" if it can."""
@@ -322,52 +338,45 @@ class Fleet(Agent):
 
     def _go_on(self) -> None:
         """Do what is to be done by what it holds now, and publish it."""
-        sharing = self.sharing
-        if sharing is not None:
-            if self._doing is not None and self._doing not in sharing.mine:
+        work = self.work
+        if work is not None:
+            if self._doing is not None and self._doing not in work.sharing.mine:
                 self._drop(self._note or "another robot does it")
             until = self._looks_until
             if self._doing is not None and until is not None and self.now >= until:
-                self._done(self._doing)
-            mine = sharing.mine
-            if self._doing is None and not self._note:
-                order = [task for task in self._order if task in mine and task not in self._barred]
-                rest = [t for t in mine if t not in order and t not in self._barred]
-                if order or rest:
-                    self._start((order or rest)[0])
+                self._done(work, self._doing)
+            if self._doing is None and not self._note and not self._drive.pending:
+                following = next((task for task in work.held if task not in work.barred), None)
+                if following is not None:
+                    self._start(work, following)
             self._plan_ahead()
-            said = sharing.take()
+            said = work.sharing.take()
             if said is not None:
                 self.publish(said)
         self._set_alarm()
 
-    def _start(self, task: int) -> None:
+    def _start(self, work: Work, task: int) -> None:
         """Have the interface agent send the robot there."""
-        if self._asking or self._list is None:
-            return
-        self._doing, self._mission, self._looks_until = task, 0, None
-        self._to_go = self._nearest = inf
-        self._nearer_at = self.now
-        self._asking = True
-        wanted = self._list.id
+        self._end_drive()
+        self._doing = task
+        self._drive.ask(self.now)
 
         def taken(reply: MissionReply | None) -> None:
-            self._asking = False
-            if reply is not None and not reply.refusal:
-                self._missions.add(reply.mission)
-            if self._doing != task or self._list is None or self._list.id != wanted:
-                if reply is not None and not reply.refusal:
+            refusal = self._drive.answered(reply, self.now)
+            if self._doing is None:  # it was withdrawn
+                if not refusal:
                     self._stand()
-            elif reply is None or reply.refusal:
-                self._bar(task, "nobody takes missions" if reply is None else reply.refusal)
+            elif refusal:
+                self._bar(work, task, refusal)
             else:
-                self._mission, self._nearer_at = reply.mission, self.now
-                self._to_go = self._nearest = reply.length
-                self._remember()
+                self._remember(work)
             self._go_on()
 
-        goal = self._list.tasks[task].goal
-        self.ask(MissionRequest(goal), taken, self.p.planning_s)
+        self.ask(MissionRequest(work.list.tasks[task].goal), taken, self.p.planning_s)
+
+    def _end_drive(self) -> None:
+        self._drive.drop()
+        self._doing, self._looks_until = None, None
 
     def _stand(self) -> None:
         """Stand where the robot is: what it drives to is another's, and there is nothing else."""
@@ -377,7 +386,7 @@ class Fleet(Agent):
 
         def taken(reply: MissionReply | None) -> None:
             if reply is not None and not reply.refusal:
-                self._missions.add(reply.mission)
+                self._drive.own.add(reply.mission)
 
         here = Waypoint(pose.x, pose.y, pose.theta)
         self.ask(MissionRequest(here, planned=False), taken)
@@ -387,42 +396,41 @@ class Fleet(Agent):
         if self._doing is None:
             return
         self.log(f"task {self._doing} is left: {why}")
-        drove, self._doing = self._mission, None
-        self._mission, self._looks_until = 0, None
-        if drove and not self._elsewhere and self.sharing is not None and not self.sharing.mine:
+        drove = self._drive.mission
+        self._end_drive()
+        if drove and not self._elsewhere and self.work is not None and not self.work.sharing.mine:
             self._stand()
 
-    def _bar(self, task: int, why: str) -> None:
+    def _bar(self, work: Work, task: int, why: str) -> None:
         """Give a task back that cannot be done now."""
-        again = self.p.again_s * 2.0 ** min(self._tries.get(task, 0), 10)
-        self._tries[task] = self._tries.get(task, 0) + 1
-        self._barred[task] = self.now + again
+        again = self.p.again_s * 2.0 ** min(work.tries[task], 10)
+        work.tries[task] += 1
+        work.barred[task] = self.now + again
         self.log(line(f"task {task} is given back for {again:g} s: {why}"), WARNING)
         self._drop(why)
-        if self.sharing is not None:
-            if self._tries[task] >= TRIES:
-                self.sharing.given_up.add(task)
-            self.sharing.let_go([task], self.now)
+        if work.tries[task] >= TRIES:
+            work.sharing.given_up.add(task)
+        work.sharing.let_go([task], self.now)
         self._go_on()
 
-    def _done(self, task: int) -> None:
-        assert self.sharing is not None, "a task of a list"
-        self._doing, self._mission, self._looks_until = None, 0, None
-        self._order = [other for other in self._order if other != task]
-        self.sharing.finish(task, self.now)
-        self.log(f"task {task} done; {len(self.sharing.open)} are left")
-        self._remember()
+    def _done(self, work: Work, task: int) -> None:
+        self._end_drive()
+        work.order = [other for other in work.order if other != task]
+        work.sharing.finish(task, self.now)
+        self.log(f"task {task} done; {len(work.sharing.open)} are left")
+        self._remember(work)
 
     def _plan_ahead(self) -> None:
         """Ask how long the ways of its tour are."""
-        if self._planning or self._plans <= 0 or self._list is None:
+        if self._planning or self._plans <= 0 or self.work is None:
             return
-        ends = self._tours.unknown(self._order)
+        tours = self.work.tours
+        ends = tours.unknown(self.work.order)
         if ends is None:
             return
         self._plans -= 1
         self._planning = True
-        tours, (a, b) = self._tours, ends
+        a, b = ends
 
         def planned(plan: Plan | None) -> None:
             self._planning = False
@@ -432,80 +440,58 @@ class Fleet(Agent):
                     tours.joules_a_s = plan.energy / plan.length * self.p.cruise_m_s
             self._plan_ahead()
 
-        here, there = self._list.tasks[a].goal, self._list.tasks[b].goal
+        here, there = (self.work.list.tasks[end].goal for end in ends)
         self.ask(PlanRequest(here, there), planned, self.p.planning_s)
 
     # What is known -------------------------------------------------------------------------------
 
-    def _adopt(self, said: FleetTasks) -> None:
+    def _adopt(self, said: FleetTasks) -> Work:
         """Work on a list from now on."""
         self._drop("there is another list")
-        if self._list is not None:
-            self._finished.add(self._list.id)  # whoever still works on it does not bring it back
-        self._list, self._give_at = said, None
-        places, looks = _split(said.tasks)
-        self._tours = Tours(places, looks, self.p.cruise_m_s)
-        self._order = []
-        self._barred, self._tries = {}, {}
+        if self.work is not None:
+            self._over.add(self.work.list.id)  # a robot that still works on it cannot bring it back
         count = len(said.tasks)
-        self.sharing = TaskSharing(self.robot, self.instance, said.id, count, self.rng, self.now)
+        sharing = TaskSharing(self.robot, self.instance, said.id, count, self.rng, self.now)
+        self.work, self._give_at = Work(said, sharing, self.p.cruise_m_s), None
         self.log(f"a list of {count} tasks")
         self._set_alarm()
+        return self.work
 
-    def _look_whether_done(self) -> None:
-        known, sharing = self._list, self.sharing
-        if known is None or sharing is None or known.id in self._finished:
+    def _look_whether_done(self, work: Work) -> None:
+        if work.finished or not work.sharing.over(self.now):
             return
-        if not sharing.over(self.now):
-            return
-        self._finished.add(known.id)
-        left = ", ".join(map(str, sharing.open))
+        work.finished = True
+        self._over.add(work.list.id)
+        left = ", ".join(map(str, work.sharing.open))
         if left:
             self.log(line(f"the list is over: nobody gets to {left}"), WARNING)
         else:
-            self.log(f"all {len(known.tasks)} tasks are done")
+            self.log(f"all {len(work.list.tasks)} tasks are done")
 
-    def _remember(self) -> None:
+    def _remember(self, work: Work) -> None:
         """Have the robot's other agents remember what is known."""
-        self._look_whether_done()
-        known, sharing = self._list, self.sharing
-        if known is None or sharing is None:
-            return
-        before = self.memory.newest(FleetBoard)
+        self._look_whether_done(work)
+        before, known = self.memory.newest(FleetBoard), work.list
         counter = 1 if before is None else next_count(before.counter)
-        done, mission = done_of(sharing.done), self._mission
+        done, mission = done_of(work.sharing.done), self._drive.mission
         self.publish(FleetBoard(counter, known.id, known.follows, known.tasks, done, mission))
 
     def _report(self) -> None:
-        known, sharing = self._list, self.sharing
-        if known is None or sharing is None:
+        work = self.work
+        if work is None:
             nothing = FleetClaims(self.robot, self.instance, NO_LIST)
             self.publish(nothing)
             self.publish(FleetStatus(0, 0, 0, (), note=line(self._unfit(self.fresh(Pose)))))
             return
-        mine = sharing.mine
-        order = [task for task in self._order if task in mine]
-        holds = (*order, *(task for task in mine if task not in order))
-        pose = self.latest(Pose)
-        finish = 0.0
+        holds, pose, finish = tuple(work.held), self.latest(Pose), 0.0
         if pose is not None and holds:
-            finish = self._tours.finish(pose, holds, self._first_s(self._doing))
-        count, note = len(known.tasks), line(self._note)
-        done = count - len(sharing.open)
-        self.publish(FleetStatus(known.id, count, done, holds, min(finish, 1e9), note))
+            finish = work.tours.finish(pose, holds, self._first_s(self._doing))
+        count, note = len(work.list.tasks), line(self._note)
+        done = count - len(work.sharing.open)
+        self.publish(FleetStatus(work.list.id, count, done, holds, min(finish, 1e9), note))
 
     def _set_alarm(self) -> None:
         """Have it woken when something is due."""
-        due = [self._say_at]
-        if self.sharing is not None:
-            due.append(self.sharing.wakeup)
-        if self._give_at is not None:
-            due.append(self._give_at)
-        if self._looks_until is not None:
-            due.append(self._looks_until)
-        self.wake_at(min(due))
-
-
-def _split(tasks: Sequence[FleetTask]) -> tuple[list[Waypoint], list[float]]:
-    """Where tasks are, and how long is looked."""
-    return [task.goal for task in tasks], [task.look_s for task in tasks]
+        shared = None if self.work is None else self.work.sharing.wakeup
+        due = (self._say_at, shared, self._give_at, self._looks_until)
+        self.wake_at(min(at for at in due if at is not None))

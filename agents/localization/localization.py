@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from dataclasses import replace as replaced
 from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
@@ -147,6 +149,40 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     filter: Settings | None = None
 
 
+@dataclass(frozen=True)
+class Localized:
+    """That the pose is known.
+
+    Attributes:
+        unproved: Searches that have to confirm it yet.
+        doubted: Whether another place explains the news better.
+        verdicts: Searches in a row that agreed on another place.
+        since: When the particles began to spread too far, s.
+    """
+
+    unproved: int = 0
+    doubted: bool = False
+    verdicts: int = 0
+    since: float | None = None
+
+
+@dataclass(frozen=True)
+class Lost:
+    """That the pose is not known.
+
+    Attributes:
+        spread: Whether it is lost since the particles spread: they may converge again.
+        converged: Whether they have.
+        sure: Searches in a row in which one place was much better than all others.
+        doubted: Whether another place explained the news better when it got lost.
+    """
+
+    spread: bool = False
+    converged: bool = False
+    sure: int = 0
+    doubted: bool = False
+
+
 class Localization(Agent):
     """Estimates the pose on a known map with a particle filter, by laser or sonars.
 
@@ -196,21 +232,14 @@ class Localization(Agent):
         self._motion: Pose2 = STOOD  # in the last cycle
         self._epoch: int | None = None
         self._begun = False
-        self._lost = self.p.start == "anywhere"
-        self._spread = False  # lost since the particles spread: they may converge again,
-        self._converged = False  # and have
+        self._belief: Localized | Lost = Lost() if self.p.start == "anywhere" else Localized()
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._stayed: Pose2 | None = None  # where it is if it was not moved when it got lost
-        self._since: float | None = None  # when it began to seem lost
         self._search: Search | None = None  # under way
         self._searched = 0  # news when the last search began,
         self._searched_at = 0.0  # and when that was
-        self._doubted = False  # another place explains the news better
-        self._verdicts = 0  # searches in a row that agreed on another place,
-        self._elsewhere: Pose2 = STOOD  # this one
-        self._sure = 0  # searches in a row in which one place was much better than all others,
-        self._best: Pose2 = STOOD  # this one,
-        self._unproved = 0  # and searches that have to confirm it yet
+        self._elsewhere: Pose2 = STOOD  # the other place that searches agreed on
+        self._best: Pose2 = STOOD  # the place that was best in the last search of a lost robot
         self._fit = USUAL * self._confirm.misfit  # of the readings, on average,
         self._misfit = False  # and whether that is bad
         self._doubts = ""  # of the odometry, as reported
@@ -224,12 +253,14 @@ class Localization(Agent):
         if nowhere(pose.x, pose.y):
             return
         self._begun = True
-        self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
+        if pose.deviation > self.p.lost_m:  # and was so before it started
+            self._belief = Lost()
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
             here = np.array([[pose.x, pose.y]])
-            if not self._lost and not self._places.inhabited(here).all():
+            known = isinstance(self._belief, Localized)
+            if known and not self._places.inhabited(here).all():
                 self._filter.may_be_at(self._free)  # names tell nothing of where this one drives
             off = max(self.p.start_m, pose.deviation)  # of a pose that was not corrected lately
             turned = max(self.p.start_rad, pose.heading_deviation)
@@ -245,7 +276,7 @@ class Localization(Agent):
             self.log(f"initial pose {at} rejected: no free space there on the map", WARNING)
             return
         pose = told.x, told.y, told.theta
-        self._begun, self._spread, self._sure = True, False, 0
+        self._begun = True
         self._find(pose, 0)
         self._filter.start_at(pose, self.p.start_m, self.p.start_rad)
 
@@ -313,7 +344,8 @@ class Localization(Agent):
         """Report wheels that are far worse than the profile says."""
         o = self._filter.odometry
         limits = zip(self._filter.learnt, (o.alpha1, o.alpha2, o.alpha3), strict=True)
-        if self._lost or self._doubts or all(abs(off) <= WORN * alpha for off, alpha in limits):
+        worn = any(abs(off) > WORN * alpha for off, alpha in limits)
+        if isinstance(self._belief, Lost) or self._doubts or not worn:
             return
         self._doubts = f"the odometry is worse than [odometry] of the profile: {self._wheels()}"
         self.log(self._doubts, WARNING)
@@ -327,22 +359,23 @@ class Localization(Agent):
             self._watch_fit()
         # While it is localized it stays with that place: another one that fits as well, the room
         # next door, is no reason to leave it before it no longer fits.
-        found = self._filter.estimate(None if self._lost else self._at)
+        found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._at)
         self._judge(found)
-        self._filter.lost = self._lost and not self._spread
+        belief = self._belief
+        self._filter.lost = isinstance(belief, Lost) and not belief.spread
         c = found.covariance
-        if self._lost:  # at least a metre off: no place fits
+        if isinstance(belief, Lost):  # at least a metre off: no place fits
             c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
-            more = max(0.0, self._least_m() ** 2 - found.deviation_m**2)
+            more = max(0.0, self._least_m(belief) ** 2 - found.deviation_m**2)
             c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
         self.publish(
             Correction(
                 cycle,
                 *compose(found.pose, relative(self._odometry, STOOD)),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
-                confidence=0.0 if self._lost else min(1.0, found.share),
-                elsewhere=self._doubted,
+                confidence=0.0 if isinstance(belief, Lost) else min(1.0, found.share),
+                elsewhere=belief.doubted,
             )
         )
         if self.now - self._shown_at >= PARTICLES_S:
@@ -350,18 +383,18 @@ class Localization(Agent):
             self._show(cycle)
             self._watch_wheels()
 
-    def _least_m(self) -> float:
+    def _least_m(self, belief: Localized) -> float:
         """Least standard deviation that is published of a localized robot, m."""
         chance = self._filter.fit < self._confirm.chance
-        if self._doubted or chance:
+        if belief.doubted or chance:
             # At rest there is no new reading to settle it by: relocate makes the robot turn.
             rests = self.now - self._searched_at > UNSETTLED_S
-            agree = chance or self._misfit or self._verdicts > 1
-            if rests or (self._doubted and agree):
+            agree = chance or self._misfit or belief.verdicts > 1
+            if rests or (belief.doubted and agree):
                 return self.p.adrift_m
-        if self._doubted:
+        if belief.doubted:
             return self.p.doubt_m
-        if self._unproved:
+        if belief.unproved:
             fits = self._filter.fit >= self._confirm.found_fit
             return self.p.unproved_m if fits else self.p.adrift_m
         return self.p.misfit_m if self._misfit else 0.0
@@ -382,18 +415,20 @@ class Localization(Agent):
         Where little that the sensors see is on the map the particles spread as the odometry does,
         and converge again where the map goes on. An estimate that leaps is of another place.
         """
-        p, share, width = self.p, found.share, found.deviation_m
+        p, belief, share, width = self.p, self._belief, found.share, found.deviation_m
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
-        if self._lost:
+        if isinstance(belief, Lost):
             fits = width < p.misfit_m and found.fit >= p.fits
-            self._converged = self._spread and share >= p.found and fits
-            if self._converged and not self._sees:
+            converged = belief.spread and share >= p.found and fits
+            self._belief = replaced(belief, converged=converged)
+            if converged and not self._sees:
                 self._find(found.pose, proofs=0)  # it was followed all along
             return
         doubtful = share < p.lost or width > p.lost_m
-        self._since = (self._since or self.now) if doubtful else None
-        waited = self._since is not None and self.now - self._since >= p.lost_s
+        since = (belief.since or self.now) if doubtful else None
+        self._belief = replaced(belief, since=since)
+        waited = since is not None and self.now - since >= p.lost_s
         if leaps or waited:
             self._lose(
                 f"at best at {_place(found.pose)}, with {100 * share:.0f} % of the weight,"
@@ -408,20 +443,21 @@ class Localization(Agent):
         if self._search is None or not self._search.advance():
             return
         search, self._search = self._search, None
-        if self._lost or self._unproved:
+        belief = self._belief
+        if isinstance(belief, Lost) or belief.unproved:
             self._locate(search)
         elif self._at is not None:
-            self._check(search, self._at)
+            self._check(search, belief, self._at)
 
     def _begin_search(self) -> Search | None:
         """A search: of a lost robot, or of one whose readings fit badly, by its newest readings."""
-        particles, history = self._filter, self._filter.history
-        if self._lost or self._unproved:
+        particles, history, belief = self._filter, self._filter.history, self._belief
+        if isinstance(belief, Lost) or belief.unproved:
             if history.steps < self._confirm.looks_after:
                 return None
             history.mark()
             return particles.search()
-        if not self._doubted and particles.fit >= self.p.fits:
+        if not belief.doubted and particles.fit >= self.p.fits:
             self._trust()
             return None
         new, waited = history.news - self._searched, self.now - self._searched_at
@@ -435,27 +471,28 @@ class Localization(Agent):
         self._filter.history.mark(UNDOUBTED)
         self._searched = self._filter.history.news
 
-    def _check(self, search: Search, here: Pose2) -> None:
+    def _check(self, search: Search, belief: Localized, here: Pose2) -> None:
         """Whether the robot was moved elsewhere: doubt, or a verdict, or neither."""
         p, confirm = self.p, self._confirm
         other = search.alternative(here, self._filter.settings.trust)
         if other is None:
-            self._doubted, self._verdicts = False, 0
+            self._belief = replaced(belief, doubted=False, verdicts=0)
             self._trust()
             return
-        if other.throughout < p.doubts:
-            self._verdicts = 0
-        self._doubted = self._better(other)
-        if not self._doubted:
+        doubted = self._better(other)
+        verdicts = 0 if other.throughout < p.doubts else belief.verdicts
+        self._belief = belief = replaced(belief, doubted=doubted, verdicts=verdicts)
+        if not doubted:
             if other.throughout < -p.stays:
                 self._trust()
             return
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
         clear = other.odds >= confirm.clear_odds and other.fit >= confirm.clear_fit
-        again = self._verdicts if clear or not apart(other.pose, self._elsewhere) else 0
-        self._verdicts, self._elsewhere = again + (confirm.clear if clear else 1), other.pose
-        if self._verdicts >= confirm.verdicts:
+        again = verdicts if clear or not apart(other.pose, self._elsewhere) else 0
+        verdicts = again + (confirm.clear if clear else 1)
+        self._belief, self._elsewhere = replaced(belief, verdicts=verdicts), other.pose
+        if verdicts >= confirm.verdicts:
             self._filter.history.forget(other.readings)
             self._lose(
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
@@ -476,14 +513,12 @@ class Localization(Agent):
         )
 
     def _lose(self, why: str, *, spread: bool = False) -> None:
-        self._lost, self._spread, self._converged, self._since = True, spread, False, None
-        self._sure = self._unproved = 0
+        self._belief = Lost(spread, doubted=self._belief.doubted)
         self._search = self._stayed = None
         self.log(f"the robot is lost: {why}", WARNING)
 
     def _find(self, pose: Pose2, proofs: int) -> None:
-        self._lost, self._since, self._unproved = False, None, proofs
-        self._doubted, self._verdicts, self._searched = False, 0, 0
+        self._belief, self._searched = Localized(proofs), 0
         if not proofs or (self._stayed is not None and apart(pose, self._stayed)):
             self._stayed = None
         self._search, self._at = None, pose
@@ -497,26 +532,28 @@ class Localization(Agent):
         """
         if not (places := search.places):
             return
-        best = self._staying(search) or places[0]
-        if self._lost and not self._spread:
+        best, belief = self._staying(search) or places[0], self._belief
+        if isinstance(belief, Lost) and not belief.spread:
             self._filter.gather(search)  # for the next search, and for what relocate compares
         sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
-        if not self._lost:
+        if isinstance(belief, Localized):
             if self._at is None or not apart(best.pose, self._at):
-                self._unproved -= best.share >= self.p.found
-                self._stayed = self._stayed if self._unproved else None
+                unproved = belief.unproved - (best.share >= self.p.found)
+                self._belief = replaced(belief, unproved=unproved)
+                self._stayed = self._stayed if unproved else None
             elif sure:
                 self._lose(f"the readings since it was found fit better at {_place(best.pose)}")
             return
-        again = self._sure if not apart(best.pose, self._best) else 0
-        self._sure, self._best = (again + 1 if sure else 0), best.pose
+        again = belief.sure if not apart(best.pose, self._best) else 0
+        times, self._best = (again + 1 if sure else 0), best.pose
+        self._belief = replaced(belief, sure=times)
         # Particles that have spread mostly still hold the true pose: leaving them takes more. They
         # converge also where scans of what is not on the map fit by chance: a search has to agree.
-        needed = self.p.found_times * (2 if self._spread else 1)
-        if self._converged and self._at is not None and not apart(best.pose, self._at):
+        needed = self.p.found_times * (2 if belief.spread else 1)
+        if belief.converged and self._at is not None and not apart(best.pose, self._at):
             needed = 1
-        if self._sure >= needed:
-            if self._spread:
+        if times >= needed:
+            if belief.spread:
                 self._filter.gather(search)
             elif best.pose == self._stayed:  # which the search itself may not have among its best
                 self._filter.start_at(best.pose, self.p.start_m, self.p.start_rad)
@@ -537,7 +574,7 @@ class Localization(Agent):
     def _watch_fit(self) -> None:
         """Report readings that fit the map badly on average; the robot is slow until they fit."""
         least = self._confirm.misfit
-        if self._lost:
+        if isinstance(self._belief, Lost):
             self._fit, self._misfit = USUAL * least, False
             return
         self._fit += self.cycles.period / MISFIT_S * (self._filter.fit - self._fit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, cos, hypot, inf, radians, sin, tau
 from typing import Annotated, Any, ClassVar
 
@@ -69,6 +70,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     safety: Safety = Safety()
 
 
+@dataclass(frozen=True)
+class Ahead:
+    """What last answered ahead: when, how far before the body's front, and by which odometry."""
+
+    at: float = -inf  # s; never
+    m: float = 0.0
+    by: Pose2 = STOOD
+
+
 class Relocate(Behaviour):
     """Turns once on the spot, then drives to where it hears what tells it where it is.
 
@@ -105,9 +115,7 @@ class Relocate(Behaviour):
         self._left = 0.0  # of the turn, rad
         self._way = 0.0  # of the leg, m
         self._sought = 0.0  # so far it has turned for a way that is free, rad
-        self._answered_at: float | None = None  # when something ahead last did; None: no sonar yet
-        self._answered_m = 0.0  # and how far before the body's front it was then,
-        self._answered_by: Pose2 = STOOD  # by this odometry
+        self._answered: Ahead | None = None  # None: no sonar yet
         self._stood = 0.0  # s that it drove since it last got on, less those of a look around,
         self._back: bool | None = None  # the way there is room is back
         self._swings = 0  # and how often it turned back meanwhile
@@ -134,10 +142,10 @@ class Relocate(Behaviour):
             if abs(echo.bearing) < AHEAD_RAD and echo.range is not None
         ]
         if near and self._body is not None:
-            self._answered_at, self._answered_by = self.now, self._odometry
-            self._answered_m = min(near) - self._body.outline.front
-        elif self._answered_at is None:
-            self._answered_at = -inf
+            front = min(near) - self._body.outline.front
+            self._answered = Ahead(self.now, front, self._odometry)
+        elif self._answered is None:
+            self._answered = Ahead()
 
     def on_particles(self, said: Particles) -> None:
         """Places where the robot may be."""
@@ -193,19 +201,20 @@ class Relocate(Behaviour):
     @property
     def _silent(self) -> bool:
         """Whether nothing ahead answers, and it may do so elsewhere."""
-        at = self._answered_at
-        return at is not None and self.now - at > self.p.silent_s and self._sought < tau
+        ahead = self._answered
+        silent = ahead is not None and self.now - ahead.at > self.p.silent_s
+        return silent and self._sought < tau
 
     @property
     def _stops_before(self) -> float:
         """The speed from which it stops before what answered ahead, m/s."""
-        at, p = self._answered_at, self.p
+        ahead, p = self._answered, self.p
         if self._silent:
             return p.v_back
-        if at is None or self.now - at > p.silent_s:  # a laser, or silence all around
+        if ahead is None or self.now - ahead.at > p.silent_s:  # a laser, or silence all around
             return inf
-        x, y, _ = relative(self._answered_by, self._odometry)
-        left = self._answered_m - hypot(x, y) - p.safety.margin_m
+        x, y, _ = relative(ahead.by, self._odometry)
+        left = ahead.m - hypot(x, y) - p.safety.margin_m
         return max(p.v_back, self.body.stops_within(left))
 
     def _act(self, obstacles: Obstacles) -> tuple[float, float, str]:

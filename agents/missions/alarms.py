@@ -1,12 +1,59 @@
-"""The alarms of a scenario's building, which begin and end at their times (thesis 4.3)."""
+"""Alarms: those of a scenario's building (thesis 4.3), and those that mission planning knows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Final
 
-from armadico.agents.missions.messages import Alarm
+from armadico.agents.missions.messages import Alarm, Board
+from armadico.agents.missions.wanted import Patience
 from armadico.config.scenarios import AlarmAt, Scenario
 from armadico.mobile.errand import Progress
+
+MOST: Final = 32
+"""Alarms that are remembered."""
+
+
+class Alarms:
+    """The alarms that are on, those that no robot has looked at yet, and where no way led to."""
+
+    def __init__(self, rooms: Iterable[str]) -> None:
+        """`rooms`: those that a robot can go to."""
+        self._rooms = frozenset(rooms)
+        self.on: tuple[str, ...] = ()
+        self.unchecked: tuple[str, ...] = ()
+        self.no_way: dict[str, Patience] = {}
+
+    def learn(self, board: Board) -> None:
+        """Take what an earlier mission planning agent has left on the board, before the own."""
+        self.on = self._known((*board.alarms, *self.on))
+        self.unchecked = self._known((*board.unchecked, *self.unchecked))
+
+    def _known(self, rooms: Iterable[str]) -> tuple[str, ...]:
+        return tuple(room for room in dict.fromkeys(rooms) if room in self._rooms)[:MOST]
+
+    def update(self, alarm: Alarm) -> bool:
+        """Take an alarm that begins or ends; return whether that is news."""
+        room = alarm.room
+        if alarm.on == (room in self.on) or (alarm.on and len(self.on) >= MOST):
+            return False
+        if alarm.on:
+            self.on, self.unchecked = (*self.on, room), (*self.unchecked, room)
+        else:
+            self.on = tuple(other for other in self.on if other != room)
+            self.checked(room)
+        return True
+
+    def checked(self, room: str) -> None:
+        """Nothing more is to be done about an alarm."""
+        self.unchecked = tuple(other for other in self.unchecked if other != room)
+        self.no_way.pop(room, None)
+
+    def due(self, now: float) -> str | None:
+        """The first alarm that something is to be done about now; None: there is none."""
+        known = Patience()
+        asked = (r for r in self.unchecked if now >= self.no_way.get(r, known).again_at)
+        return next(asked, None)
 
 
 class Building:

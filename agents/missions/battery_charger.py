@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
 from functools import partial
 from math import hypot, inf
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -16,7 +18,7 @@ from armadico.agents.methods.utility import (
     PEOPLES,
     ramp_down,
 )
-from armadico.agents.missions.errands import Errand, PlanDesk, Stage
+from armadico.agents.missions.errands import DeliberativeAgent, PlanDesk
 from armadico.agents.missions.messages import (
     BatteryAlarm,
     ChargeRequest,
@@ -29,11 +31,12 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import DOCK_LANE_M, before, load_world
 from armadico.config.worlds import Pose as Place
 from armadico.core import agent
-from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.agent import WARNING, Question
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message, RobotState, line
 from armadico.core.resources import Resource
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.driven import Stage
 from armadico.mobile.geometry import compose, relative
 from armadico.mobile.messages import (
     BatteryLevel,
@@ -45,7 +48,7 @@ from armadico.mobile.messages import (
     Trajectory,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER, TRAJECTORY
+from armadico.mobile.resources import PLANNER
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=86_400)]
@@ -62,6 +65,38 @@ OUT_M = 0.03
 SAY_S = 1.0
 PATIENCE_S = 5.0
 """A plan that has not come by then does not."""
+
+
+class Event(StrEnum):
+    """What happens to a robot that is to be charged."""
+
+    DRIVEN = "it is driven to a dock"
+    ENDED = "it is not driven to a dock"
+    LINED_UP = "it stands before a dock"
+    CONTACT = "the charger has contact"
+    NO_CONTACT = "the charger has no contact"
+    WANTED = "another agent has it driven elsewhere"
+    OUT = "it is out of the dock"
+
+
+TRANSITIONS: Final[dict[tuple[ChargeState, Event], ChargeState]] = {
+    (ChargeState.NONE, Event.DRIVEN): ChargeState.TO_DOCK,
+    (ChargeState.NONE, Event.LINED_UP): ChargeState.DOCKING,
+    (ChargeState.NONE, Event.CONTACT): ChargeState.CHARGING,
+    (ChargeState.NONE, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.TO_DOCK, Event.ENDED): ChargeState.NONE,
+    (ChargeState.TO_DOCK, Event.LINED_UP): ChargeState.DOCKING,
+    (ChargeState.TO_DOCK, Event.CONTACT): ChargeState.CHARGING,
+    (ChargeState.TO_DOCK, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.DOCKING, Event.CONTACT): ChargeState.CHARGING,
+    (ChargeState.DOCKING, Event.NO_CONTACT): ChargeState.LEAVING,
+    (ChargeState.DOCKING, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.CHARGING, Event.NO_CONTACT): ChargeState.NONE,
+    (ChargeState.CHARGING, Event.WANTED): ChargeState.LEAVING,
+    (ChargeState.LEAVING, Event.OUT): ChargeState.NONE,
+    (ChargeState.LEAVING, Event.LINED_UP): ChargeState.DOCKING,
+}
+"""Which state follows: an event that is not listed for a state changes nothing."""
 
 IN_DOCK = (ChargeState.DOCKING, ChargeState.CHARGING, ChargeState.LEAVING)
 ASKED = 0.3
@@ -100,7 +135,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     again_s: Seconds = 20.0  # after a way to a dock that failed
 
 
-class BatteryCharger(Agent):
+@dataclass(frozen=True)
+class Sent:
+    """That a charge was asked for: up to which share, and when, s."""
+
+    until: float = 0.0
+    at: float = -inf
+
+
+class BatteryCharger(DeliberativeAgent):
     """Competes for the planner and the trajectory, the more the less is left.
 
     It goes to the dock that costs least, lines up before it, and has the dock agent drive in. What
@@ -116,7 +159,6 @@ class BatteryCharger(Agent):
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ChargeStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest)
-    competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile", "capacity_ah")
     changeable: ClassVar = {"reserve": "", "idle_below": "", "urgent": "", "ready": ""}
@@ -126,7 +168,6 @@ class BatteryCharger(Agent):
         super().__init__(identity, parameters)
         self._docks: Mapping[str, Place] = load_world(self.p.world).docks
         self._battery = load_profile(self.p.profile).battery
-        self.errand = Errand(self.rng)
         self._desk = PlanDesk(self.rng)  # for what is only to be known
         self._questions: list[tuple[Question, EnergyRequest]] = []
         self._asking_for: tuple[Question, EnergyRequest] | None = (
@@ -145,7 +186,7 @@ class BatteryCharger(Agent):
         self._level_at: float | None = None
         self._dead = self._warned = False
         self._said_at = -inf
-        self._until, self._sent_at = 0.0, -inf  # the share that was asked for, and when
+        self._sent = Sent()
         self._foreign = False  # somebody else has the robot driven somewhere
 
     # What it hears -------------------------------------------------------------------------------
@@ -167,21 +208,13 @@ class BatteryCharger(Agent):
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Where the robot is driven, by whomever."""
-        self.errand.trajectory(trajectory)
+        super().on_trajectory(trajectory)
         self._foreign = bool(trajectory.waypoints) and trajectory.mission not in self.errand.ways
 
     def on_planned(self, planned: Planned) -> None:
         """A plan was made, of the way or of another."""
-        self.errand.planned(planned)
+        super().on_planned(planned)
         self._desk.take(planned)
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        """How far the way has come."""
-        self.errand.status(status)
-
-    def on_pose(self, pose: Pose) -> None:
-        """Follow the way that is driven."""
-        self.errand.pose(pose)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Look how things stand, once a cycle, and say so."""
@@ -211,7 +244,7 @@ class BatteryCharger(Agent):
         assert isinstance(request, ChargeRequest)
         if not self._docks:
             return MissionReply(0, "no dock on the map")
-        self._until, self._sent_at = request.until, self.now
+        self._sent = Sent(request.until, self.now)
         return MissionReply(1)
 
     # What it bids --------------------------------------------------------------------------------
@@ -236,7 +269,7 @@ class BatteryCharger(Agent):
             return 0.0
         if self._critical:
             return CHARGE_NOW
-        sent = share < self._until and self.now - self._sent_at < SENT_S
+        sent = share < self._sent.until and self.now - self._sent.at < SENT_S
         if self._state is ChargeState.CHARGING:
             worth = ramp_down(share, p.urgent, p.ready, CHARGE_SOON)
         else:
@@ -295,8 +328,7 @@ class BatteryCharger(Agent):
             self._leave(pose)
         elif self._foreign and lane is not None and (state.charging or self._docked):
             self._dock, self._attempt = lane, 0
-            self.errand.drop()
-            self._became(ChargeState.LEAVING)
+            self._end(Event.WANTED)
         elif self._state is ChargeState.DOCKING:
             self._watch_docking(state, pose)
         elif state.charging:
@@ -304,10 +336,9 @@ class BatteryCharger(Agent):
                 self._dock = lane or self._dock
                 self._arrive(pose)
         elif self._state is ChargeState.CHARGING:
-            self.errand.drop()
-            self._became(ChargeState.NONE)
+            self._end(Event.NO_CONTACT)
         elif self.utility <= 0.0:
-            self._give_up()
+            self._end(Event.ENDED)
         elif lane is not None and not self.errand.under_way and lane not in self._shunned:
             self._dock = lane  # a charger before this one got so far, or it slipped off
             self._begin_docking(pose)
@@ -318,26 +349,23 @@ class BatteryCharger(Agent):
     def _docked(self) -> bool:
         return self._state in (ChargeState.CHARGING, ChargeState.DOCKING)
 
-    def _give_up(self) -> None:
+    def _end(self, event: Event) -> None:
         self.errand.drop()
-        self._became(ChargeState.NONE)
+        self._on(event)
 
     def _drive(self, pose: Pose, state: RobotState) -> None:
         """To where the robot lines up with the nearest dock."""
         errand = self.errand
         if errand.stage is Stage.REACHED:
             if self._foreign:
-                errand.drop()
-                self._became(ChargeState.NONE)
+                self._end(Event.ENDED)
             else:
                 self._begin_docking(pose)
         elif errand.stage is Stage.FAILED:
             self._shun(errand.note)
-            errand.drop()
-            self._became(ChargeState.NONE)
+            self._end(Event.ENDED)
         elif errand.under_way:
-            driven = errand.stage is Stage.DRIVING
-            self._became(ChargeState.TO_DOCK if driven else ChargeState.NONE)
+            self._on(Event.DRIVEN if errand.stage is Stage.DRIVING else Event.ENDED)
         elif pose.deviation > LOST_M:
             self._dock = self._dock or next(iter(self._docks))
             self._set_out(pose, state)
@@ -356,7 +384,7 @@ class BatteryCharger(Agent):
         """Drive in, as soon as nothing else is driven."""
         self.errand.stand(pose, planned=False)
         if self.errand.stands:
-            self._became(ChargeState.DOCKING)
+            self._on(Event.LINED_UP)
             self._still_at = self.now
 
     def _watch_docking(self, state: RobotState, pose: Pose) -> None:
@@ -369,14 +397,14 @@ class BatteryCharger(Agent):
         ):
             self._attempt += 1
             self.log(f"no contact in {self._dock}, attempt {self._attempt}", WARNING)
-            self._became(ChargeState.LEAVING)
+            self._on(Event.NO_CONTACT)
 
     def _arrive(self, pose: Pose) -> None:
         if self._state is ChargeState.DOCKING:
             self.log(f"in {self._dock}, charging: {100.0 * self._share:.0f} %")
         self._attempt = 0
         self.errand.stand(pose, planned=False)
-        self._became(ChargeState.CHARGING)
+        self._on(Event.CONTACT)
 
     def _leave(self, pose: Pose) -> None:
         """Until the robot is out; an attempt that met no contact is followed by another."""
@@ -389,8 +417,7 @@ class BatteryCharger(Agent):
         elif self._attempt and not self._foreign and self._lane(pose) is not None:
             self._begin_docking(pose)
             return
-        self.errand.drop()
-        self._became(ChargeState.NONE)
+        self._end(Event.OUT)
 
     def _shun(self, why: str) -> None:
         """Not to this dock for a while."""
@@ -398,7 +425,8 @@ class BatteryCharger(Agent):
         self._shunned[self._dock] = self.now + self.p.again_s
         self._needed, self._needed_at, self._attempt = None, -inf, 0
 
-    def _became(self, state: ChargeState) -> None:
+    def _on(self, event: Event) -> None:
+        state = TRANSITIONS.get((self._state, event), self._state)
         if state is not self._state:
             self._state, self._since, self._said_at = state, self.now, -inf
 

@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from enum import StrEnum
 from math import cos, sin
+from typing import Any, ClassVar
 
+from armadico.core.agent import Agent, Identity
 from armadico.core.exchange import Bid
-from armadico.core.messages import Point
+from armadico.core.messages import Message, Point
 from armadico.core.resources import Resource
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.driven import UNDER_WAY, Event, Stage, event_of, following
 from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
@@ -30,7 +32,7 @@ from armadico.mobile.messages import (
     Way,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER
+from armadico.mobile.resources import PLANNER, TRAJECTORY
 from armadico.mobile.route import Route
 
 BITS = 63
@@ -44,17 +46,6 @@ JOIN_M = 0.3
 
 JOINED_M = 0.5
 """Only a robot that is so near to the present way joins another one to it."""
-
-
-class Stage(StrEnum):
-    """How far an errand has come."""
-
-    NONE = "none"
-    PLANNING = "planning"  # contends for the planner
-    WAITING = "waiting"  # has a plan, and contends for the trajectory
-    DRIVING = "driving"  # holds the trajectory
-    REACHED = "reached"
-    FAILED = "failed"
 
 
 class PlanDesk:
@@ -133,7 +124,7 @@ class Errand:
     @property
     def under_way(self) -> bool:
         """Whether it has begun, and is not over."""
-        return self.stage in (Stage.PLANNING, Stage.WAITING, Stage.DRIVING)
+        return self.stage in UNDER_WAY
 
     @property
     def interrupted(self) -> bool:
@@ -150,11 +141,12 @@ class Errand:
             why: What the planner is told, and logs.
         """
         self.pause()
+        self.goal = goal
         if pose.deviation > LOST_M:  # a way from where it is not is none: found, it is planned anew
             self._way = Way(self._rng.getrandbits(BITS), (goal,), Point(pose.x, pose.y))
-            self.goal, self.stage = goal, Stage.WAITING
+            self._on(Event.TAKEN)
             return
-        self.goal, self.stage = goal, Stage.PLANNING
+        self._on(Event.ASKED)
         place = self._ahead(pose, v)
         start = Waypoint(pose.x, pose.y, pose.theta) if place is None else place
 
@@ -173,7 +165,8 @@ class Errand:
             return False
         self.drop()
         driven = self._driven
-        self.goal, self.stage = goal, Stage.WAITING
+        self.goal = goal
+        self._on(Event.TAKEN)
         self._way = Way(way, driven.waypoints, driven.start, driven.leg)
         return True
 
@@ -203,7 +196,11 @@ class Errand:
 
     def _end(self) -> None:
         self.desk.drop()
-        self.stage, self.goal, self.plan, self.note, self._way = Stage.NONE, None, None, "", None
+        self._on(Event.ENDED)
+        self.goal, self.plan, self.note, self._way = None, None, "", None
+
+    def _on(self, event: Event) -> None:
+        self.stage = following(self.stage, event)
 
     def bid_for(
         self, resource: Resource, utility: float, *, critical: bool = False, cleared: bool = True
@@ -245,17 +242,12 @@ class Errand:
             self.stands = status.state is MissionState.REACHED
         if self._way is None or not self.under_way:
             return
-        if status.mission != self._way.id:
-            self.stage = Stage.WAITING
-        elif status.state is MissionState.REACHED:
-            self.stage = Stage.REACHED
-        elif status.state is MissionState.FAILED:
-            self.stage, self.note = Stage.FAILED, status.note
-        elif status.state is MissionState.DRIVING:
-            self.stage, self.note = Stage.DRIVING, status.note
+        event = event_of(status, self._way.id)
+        self._on(event)
+        if event in (Event.DRIVEN, Event.FAILED):
+            self.note = status.note
+        if event is Event.DRIVEN:
             self.standing, self.stands = None, False
-        else:
-            self.stage = Stage.WAITING
 
     def _ahead(self, pose: Pose, v: float) -> Waypoint | None:
         """The place to join the way that is driven; None: the robot stands, or is not on it."""
@@ -267,10 +259,11 @@ class Errand:
     def _take(self, plan: Plan, start: Waypoint) -> None:
         self.plan = plan
         if plan.refusal or not plan.waypoints:
-            self.stage, self.note = Stage.FAILED, plan.refusal or "the plan has no points"
+            self._on(Event.REFUSED)
+            self.note = plan.refusal or "the plan has no points"
             return
         self._way = Way(self._rng.getrandbits(BITS), plan.waypoints, Point(start.x, start.y))
-        self.stage = Stage.WAITING
+        self._on(Event.TAKEN)
 
     def _keep(self) -> None:
         """What is bid for is the way as it is driven, and what is left of it."""
@@ -279,6 +272,33 @@ class Errand:
             return
         if way.waypoints != driven.waypoints or way.leg != driven.leg:
             self._way = Way(way.id, driven.waypoints, driven.start, driven.leg, way.planned)
+
+
+class DeliberativeAgent(Agent):
+    """An agent that has the robot driven by an errand: it hands it what it receives.
+
+    A subclass sends the robot off (`errand.go`), and bids what `errand.bid_for` returns. It lists
+    these messages in its own `hears`, too.
+    """
+
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
+    competes_for = (PLANNER, TRAJECTORY)
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.errand = Errand(self.rng)
+
+    def on_pose(self, pose: Pose) -> None:
+        self.errand.pose(pose)
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        self.errand.trajectory(trajectory)
+
+    def on_planned(self, planned: Planned) -> None:
+        self.errand.planned(planned)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        self.errand.status(status)
 
 
 def _leads_back(place: Waypoint, plan: Plan) -> bool:

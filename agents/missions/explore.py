@@ -23,11 +23,11 @@ from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import Message, line
+from armadico.mobile.driven import Event, Ordered
 from armadico.mobile.messages import (
     BatteryLevel,
     MissionReply,
     MissionRequest,
-    MissionState,
     MissionStatus,
     OccupancyGrid,
     Pose,
@@ -44,9 +44,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     tries: Annotated[int, Meta(ge=1, le=100)] = 5  # to have a mission taken on, or to get home
     charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # with this it goes on from the dock
 
-
-PROGRESS_M = 0.1
-"""So much nearer is nearer."""
 
 TURNING_M = 0.05
 """So much more than its turning circle a frontier leaves it: what is beyond is not known yet."""
@@ -89,14 +86,11 @@ class Explore(Agent):
         self._places = self._failures = 0
         self._avoided: list[Placed] = []  # what was given up
         self._second_look = False
-        self._missions: set[int] = set()  # those that it asked for
-        self._target: Placed | None = None
+        self._order = Ordered()
+        self._target: Placed | None = None  # what it was ordered for
         self._way: list[Placed] = []
-        self._mission = self._leg = 0  # the one that is driven
-        self._pending = False  # one was asked for, and not answered yet
         self._paused = False  # while the robot is charged
-        self._to_go = 0.0
-        self._nearer_at = self._map_at = 0.0
+        self._map_at = 0.0
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -121,7 +115,7 @@ class Explore(Agent):
         self._places = self._failures = 0
         self._avoided = []
         self._second_look = False
-        self._missions.clear()
+        self._order.own.clear()
         self._paused = False
         self._became(ExploreState.EXPLORING)
         self._drop()
@@ -136,7 +130,7 @@ class Explore(Agent):
             return
         self._map_at = self.now
         self._known = self._cells.area(FREE)
-        if not self._at_work or self._pending or self._paused:
+        if not self._at_work or self._order.pending or self._paused:
             return
         chart = Chart(self._cells, self._within)
         if self._target is None or not self._worth(chart, self._target):
@@ -144,34 +138,31 @@ class Explore(Agent):
 
     def on_mission_status(self, status: MissionStatus) -> None:
         """Arrived, nearer, or sent elsewhere by somebody."""
-        if not self._at_work or self._pending or not self._mission:
+        if not self._at_work:
             return
-        if status.mission not in self._missions:
+        event = self._order.update(status, self.now)
+        if event is Event.REACHED:
+            self._arrived()
+        elif event is Event.INTERRUPTED and status.mission not in self._order.own:
             if self._charges:
                 self._pause()
             else:
                 self._fail("somebody has sent the robot elsewhere")
-        elif status.mission == self._mission:
-            self._leg = status.leg
-            if status.to_go < self._to_go - PROGRESS_M:
-                self._to_go, self._nearer_at = status.to_go, self.now
-            if status.state is MissionState.REACHED:
-                self._arrived()
 
     def on_wakeup(self) -> None:
         """Publish how far it is; give up what is not reached."""
         self.wake_at(self.now + 1.0)
         if self._at_work and self._paused:
-            self._nearer_at = self._map_at = self.now
+            self._order.nearer_at = self._map_at = self.now
             if not self._charges or self._is_charged:
                 self._paused = False
                 self.log("goes on exploring")
         elif self._at_work:
             if self.stopped is not None:
-                self._nearer_at = self.now
+                self._order.nearer_at = self.now
             if self.now - self._map_at > self.p.map_s:
                 self._fail(f"no map for {self.p.map_s:g} s")
-            elif self.now - self._nearer_at > self.p.stuck_s:
+            elif self.now - self._order.nearer_at > self.p.stuck_s:
                 self._give_up("no nearer")
         self._publish()
 
@@ -207,15 +198,14 @@ class Explore(Agent):
         """Nothing is driven to."""
         self._target = None
         self._way = []
-        self._mission = self._leg = 0
-        self._pending = False
-        self._nearer_at = self._map_at = self.now
+        self._order.drop()
+        self._order.nearer_at = self._map_at = self.now
 
     def _worth(self, chart: Chart, target: Placed) -> bool:
         """Whether what is driven to is unknown still, or home, and nothing was seen on the way."""
         pose = self.latest(Pose)
         if pose is not None and self._cells is not None:
-            left = [Placed(pose.x, pose.y), *self._way[self._leg + 1 :]]
+            left = [Placed(pose.x, pose.y), *self._way[self._order.leg + 1 :]]
             if crossed(self._cells, left):
                 return False
         home = self._state is ExploreState.RETURNING
@@ -253,19 +243,13 @@ class Explore(Agent):
         through = tuple(Waypoint(p.x, p.y, p.theta) for p in headed(places))
         goal = Waypoint(end.x, end.y, theta if abs(theta) <= pi else 0.0)
         self._drop()
-        self._target, self._way, self._pending = end, places, True
+        self._target, self._way = end, places
+        self._order.ask(self.now)
 
         def taken(reply: MissionReply | None) -> None:
-            if not self._at_work:
-                return
-            self._pending = False
-            if reply is None or reply.refusal:
-                why = "nobody takes missions" if reply is None else reply.refusal
-                self._failed(f"a mission was refused: {why}")
-                return
-            self._mission = reply.mission
-            self._missions.add(reply.mission)
-            self._to_go, self._nearer_at = reply.length, self.now
+            refusal = self._order.answered(reply, self.now)
+            if refusal and self._at_work:
+                self._failed(f"a mission was refused: {refusal}")
 
         self.ask(MissionRequest(goal, through, planned=False), taken)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace as replaced
 from functools import partial
 from itertools import pairwise
 from math import hypot, inf
@@ -18,6 +20,8 @@ from armadico.agents.missions.messages import (
     MissionProposal,
     MissionWithdrawal,
 )
+from armadico.agents.missions.nearing import Contacts, Nearing
+from armadico.agents.missions.wanted import since
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (
@@ -134,6 +138,21 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """and this distance of each other by the odometry: trying again only does damage there."""
 
 
+@dataclass(frozen=True)
+class Replan:
+    """A way that is asked for anew.
+
+    Attributes:
+        why: Why; empty: none was asked for yet.
+        asking: Whether the answer is still to come.
+        not_before: When the next one may be asked for, s.
+    """
+
+    why: str = ""
+    asking: bool = False
+    not_before: float = -inf
+
+
 class Interface(Agent):
     """The link to the people and programs outside the community.
 
@@ -169,19 +188,13 @@ class Interface(Agent):
         self._refused = ""  # why the last goal was
         self._plans = False  # the mission's way is the planner's,
         self._replans = ""  # and it is to be asked again, for this reason
-        self._waits, self._why_waits = False, ""  # no way is free
-        self._blocked_by = ""  # why it was planned anew
-        self._asking = False
+        self._waits: str | None = None  # no way is free: why, as far as it is known
+        self._replan = Replan()
         self._unanswered = False  # nobody plans, and that was said
-        self._ask_at = -inf  # not before
-        self._nearest, self._nearest_at = inf, 0.0  # m to go on this way
-        self._best, self._best_at = inf, 0.0  # of the whole mission
-        self._longest = 0.0  # of the ways that were planned anew, m
+        self._nearing = Nearing()
         self._pose_at = 0.0
-        self._across_since: float | None = None
         self._across_m = self.p.across_m
-        self._contacts: list[tuple[float, int, float, float]] = []  # s, epoch, odometry in m
-        self._touches = False
+        self._contacts = Contacts()
         self._held = False  # the mission is the way of whoever holds the trajectory
         self._placing: tuple[Question, MissionRequest, float] | None = None  # until when
         self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number; until when
@@ -344,7 +357,7 @@ class Interface(Agent):
         route = Route(action.waypoints, action.start, action.leg)
         self._take_on(action.id, route, pose, planned=action.planned)
         if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
-            self._waits = True  # until there is a way from here
+            self._waits = ""  # until there is a way from here
             self._plan_anew(pose, ELSEWHERE)
         self.publish(self._next(action.id, self._route, action.waypoints))
 
@@ -354,7 +367,7 @@ class Interface(Agent):
             return
         self._held = False
         if self._state is MissionState.DRIVING:
-            self._state, self._waits, self._why_waits, self._note = MissionState.NONE, False, "", ""
+            self._state, self._waits, self._note = MissionState.NONE, None, ""
             self.publish(self._next(self._mission, self._route, ()))
             self._say_status(self._to_go)
 
@@ -372,8 +385,8 @@ class Interface(Agent):
             return
         self._mission, self._refused = trajectory.mission, ""
         self._route = Route.of(trajectory)
-        self._plans, self._waits = trajectory.planned, trajectory.waits
-        self._count_anew()
+        self._plans, self._waits = trajectory.planned, "" if trajectory.waits else None
+        self._nearing = self._nearing.anew(self.now)
         if trajectory.waypoints:
             self._state = MissionState.DRIVING
             self.log(f"mission {self._mission} goes on")
@@ -384,7 +397,7 @@ class Interface(Agent):
         """Follow the trajectory; publish how far it is, and the arrival."""
         unheard, self._pose_at = self.now - self._pose_at, self.now
         if unheard > UNHEARD_S:
-            self._leave_out(unheard)
+            self._nearing = self._nearing.without(unheard, self.now)
         self._see_placed(pose)
         if self._state is not MissionState.DRIVING:
             return
@@ -392,14 +405,14 @@ class Interface(Agent):
         if pose.deviation > LOST_M:
             self._replans = WAS_LOST if self._plans else ""
             self._note = f"lost: +-{pose.deviation:.1f} m"
-            self._count_anew()
+            self._nearing = self._nearing.anew(self.now)
         elif person:
             self._replans = self._replans or (BY_HAND if self._plans else "")
             self._note = line(f"{person} drives by hand")
-            self._count_anew()
+            self._nearing = self._nearing.anew(self.now)
             self._route.advance(pose.x, pose.y)
         else:
-            self._note = self._why_waits
+            self._note = self._waits or ""
             self._route.advance(pose.x, pose.y)
             if self._replans:
                 why, self._replans = self._replans, ""
@@ -418,22 +431,15 @@ class Interface(Agent):
 
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission that has the robot touch something at one place again and again."""
-        begins, self._touches = state.stalled and not self._touches, state.stalled
+        begins = self._contacts.begins(state)
         if not begins or driven_by(self) or self._state is not MissionState.DRIVING:
             return
-        p, epoch = self.p, state.cycle.epoch
-        self._contacts = [c for c in self._contacts if self.now - c[0] <= p.contacts_s]
-        self._contacts.append((self.now, epoch, state.x, state.y))
-        here = [
-            c
-            for c in self._contacts
-            if c[1] == epoch and hypot(c[2] - state.x, c[3] - state.y) <= p.contacts_m
-        ]
-        if len(here) >= p.contacts:
+        here = self._contacts.here(state, self.now, self.p.contacts_s, self.p.contacts_m)
+        if len(here) >= self.p.contacts:
             side = "" if state.touch is None else " ahead" if state.touch.x > 0.0 else " behind"
             pose = self.latest(Pose)
             at = "" if pose is None else f" at ({pose.x:.2f}, {pose.y:.2f})"
-            time = f"{self.now - here[0][0]:.0f} s"
+            time = f"{self.now - here[0]:.0f} s"
             self._fail(f"the robot touched something{side}{at}: contact {len(here)} in {time}")
 
     def on_wakeup(self) -> None:
@@ -457,11 +463,10 @@ class Interface(Agent):
         if obstacles.cycle.number % LOOK_CYCLES:
             return
         pose = self.fresh(Pose)
-        watched = self._state is MissionState.DRIVING and self._plans and not self._waits
-        if not watched or pose is None or not self._stands_across(pose, obstacles):
-            self._across_since = None
-        elif self._across_since is None:
-            self._across_since = self.now
+        watched = self._state is MissionState.DRIVING and self._plans and self._waits is None
+        across = watched and pose is not None and self._stands_across(pose, obstacles)
+        at = since(self._nearing.across_since, across, self.now)
+        self._nearing = replaced(self._nearing, across_since=at)
 
     def _stands_across(self, pose: Pose, obstacles: Obstacles) -> bool:
         """Whether anything is nearer than `across_m` to the way ahead, as far as is looked."""
@@ -482,54 +487,38 @@ class Interface(Agent):
 
     def _blocked(self) -> str:
         """Why the way is to be planned anew; "" if it is not, or not yet."""
-        p = self.p
+        p, nearing, replan = self.p, self._nearing, self._replan
         if self.stopped is not None:
-            self._count_anew()
-        if self._to_go < self._nearest - p.nearer_m:
-            self._nearest, self._nearest_at = self._to_go, self.now
-        if self._to_go < self._best - p.nearer_m:
-            self._best, self._best_at = self._to_go, self.now
-        if not self._plans or self._replans or self._asking or self.now < self._ask_at:
+            nearing = nearing.anew(self.now)
+        self._nearing = nearing = nearing.to_go(self._to_go, self.now, p.nearer_m)
+        if not self._plans or self._replans or replan.asking or self.now < replan.not_before:
             return ""
-        if self._waits:
-            return self._blocked_by or "no way was free"
-        if self.now - self._nearest_at > p.nearer_s and self._to_go > PARKING_M:
+        if self._waits is not None:
+            return replan.why or "no way was free"
+        if self.now - nearing.nearest_at > p.nearer_s and self._to_go > PARKING_M:
             return f"no nearer for {p.nearer_s:g} s"
-        since = self._across_since
-        if since is not None and self.now - since >= p.across_s:
-            return ACROSS
-        return ""
-
-    def _count_anew(self) -> None:
-        """The robot was not to come nearer until now: it had no way, was stopped, or lost."""
-        self._nearest, self._nearest_at, self._best_at = inf, self.now, self.now
-        self._across_since = None
-
-    def _leave_out(self, unheard: float) -> None:
-        """Count no time without poses: nothing is known of what happened meanwhile."""
-        self._nearest_at = min(self._nearest_at + unheard, self.now)
-        self._best_at = min(self._best_at + unheard, self.now)
-        self._across_since = None
+        across_at = nearing.across_since
+        return ACROSS if across_at is not None and self.now - across_at >= p.across_s else ""
 
     def _plan_anew(self, pose: Pose, why: str) -> None:
         """Have the way to the goal planned from here; the mission is the same."""
         goal = self._route.goal
         assert goal is not None, "it drives somewhere"
         mission = self._mission
-        self._asking, self._blocked_by = True, why
+        self._replan = Replan(why, True, self._replan.not_before)
 
         def planned(plan: Plan | None) -> None:
-            self._asking, self._ask_at = False, self.now + self.p.again_s
+            self._replan = Replan(self._replan.why, False, self.now + self.p.again_s)
             if self._mission != mission or self._state is not MissionState.DRIVING:
                 return
             here = self.latest(Pose) or pose
-            if plan is None and why != WAS_LOST and not self._waits:
+            if plan is None and why != WAS_LOST and self._waits is None:
                 self._go_on(why)
                 return
             self._unanswered = plan is None
             if plan is None or plan.refusal or not plan.waypoints:
                 self._no_way(why, "nobody plans" if plan is None else plan.refusal)
-            elif why != ACROSS or self._waits or self._leads_elsewhere(plan, here):
+            elif why != ACROSS or self._waits is not None or self._leads_elsewhere(plan, here):
                 self._take_way(plan, here, why)
 
         start = Waypoint(pose.x, pose.y, pose.theta)
@@ -537,11 +526,12 @@ class Interface(Agent):
 
     def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
         """Drive another way to the same goal."""
-        self._longest = max(self._longest, plan.length)
+        longest = max(self._nearing.longest, plan.length)
+        self._nearing = replaced(self._nearing, longest=longest)
         if self._given_up(why):
             return
-        self._waits, self._why_waits = False, ""
-        self._nearest, self._nearest_at, self._across_since = inf, self.now, None
+        self._waits = None
+        self._nearing = self._nearing.on_way(self.now)
         self._route = Route(plan.waypoints, Point(here.x, here.y))
         self.publish(self._next(self._mission, self._route, plan.waypoints))
         self.log(f"planned anew, {plan.length:.1f} m: {why}")
@@ -556,24 +546,22 @@ class Interface(Agent):
         """Wait for a way to become free."""
         if self._given_up(refusal):
             return
-        if not self._waits:
+        waited, self._waits = self._waits is not None, line(f"waits: {refusal}")
+        if not waited:
             self.log(line(f"{why}, and there is no plan from here: {refusal}"), WARNING)
-        self._why_waits = line(f"waits: {refusal}")
-        if not self._waits:
-            self._waits = True
             self.publish(self._next(self._mission, self._route, self._route.waypoints))
 
     def _given_up(self, why: str) -> bool:
         """Whether the mission has failed because the robot comes no nearer."""
-        since = self.now - self._best_at
-        if since <= self.p.give_up_s + self._longest / self.p.give_up_m_s:
+        no_nearer_s = self.now - self._nearing.best_at
+        if no_nearer_s <= self.p.give_up_s + self._nearing.longest / self.p.give_up_m_s:
             return False
-        self._fail(f"no nearer for {since:.0f} s: {why}")
+        self._fail(f"no nearer for {no_nearer_s:.0f} s: {why}")
         return True
 
     def _fail(self, why: str) -> None:
         """End the mission where the robot is."""
-        self._state, self._waits, self._why_waits = MissionState.FAILED, False, ""
+        self._state, self._waits = MissionState.FAILED, None
         self._note = line(why)
         self.log(line(f"mission {self._mission} failed, {self._note}"), WARNING)
         self.publish(self._next(self._mission, self._route, ()))
@@ -634,10 +622,10 @@ class Interface(Agent):
         self._mission, self._route = mission, route
         self._to_go = route.to_go(pose.x, pose.y)
         self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
-        self._waits, self._why_waits, self._note, self._refused = False, "", "", ""
-        self._asking, self._contacts = False, []
-        self._best, self._longest, self._ask_at = inf, 0.0, -inf
-        self._count_anew()
+        self._waits, self._note, self._refused = None, "", ""
+        self._replan = Replan()
+        self._contacts.clear()
+        self._nearing = Nearing().anew(self.now)
 
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:
@@ -666,7 +654,8 @@ class Interface(Agent):
         """The trajectory that begins a mission, changes its way, or ends it."""
         known = self.memory.newest(Trajectory)
         counter = 1 if known is None else next_count(known.counter)
-        planned, waits = (self._plans, self._waits) if waypoints else (False, False)
+        waits = self._waits is not None
+        planned, waits = (self._plans, waits) if waypoints else (False, False)
         return Trajectory(counter, mission, waypoints, route.start, route.leg, planned, waits)
 
     def _say_status(self, to_go: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
 
@@ -12,8 +13,9 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.methods.utility import of_mission
+from armadico.agents.missions.alarms import Alarms
 from armadico.agents.missions.board import Entry, Missions, RefusedError
-from armadico.agents.missions.errands import Errand, Stage
+from armadico.agents.missions.errands import DeliberativeAgent
 from armadico.agents.missions.messages import (
     PLACES,
     Alarm,
@@ -50,27 +52,38 @@ from armadico.agents.missions.procedures import (
 )
 from armadico.agents.missions.subplans import PLANNERS, Coordinator
 from armadico.agents.missions.task import Beliefs, Charge, Drive, Explore, Reach, Request, Stand
+from armadico.agents.missions.wanted import (
+    Charging,
+    Driving,
+    Energy,
+    Exploring,
+    Key,
+    Patience,
+    Standing,
+    Wanted,
+    since,
+    wanted,
+)
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
-from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.agent import WARNING, Question
 from armadico.core.exchange import Bid
 from armadico.core.messages import Card, Message, Point, RobotState, line, next_count
 from armadico.core.resources import Resource
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     BatteryLevel,
     MissionReply,
-    MissionStatus,
-    Planned,
     Pose,
     Trajectory,
     Way,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER, TRAJECTORY
+from armadico.mobile.resources import TRAJECTORY
 
 FULL: Final = 0.9
 """A battery with so much left is not charged for the sake of a way that takes even more."""
@@ -83,8 +96,6 @@ HALT_S: Final = 10.0
 
 AFRESH_S: Final = 2.0
 """What is heard of an exploration so soon after it was asked for may be older than that."""
-
-ALARMS_MOST: Final = 32
 
 WITHDRAWN_MOST: Final = 64
 """Numbers of missions that are remembered as withdrawn."""
@@ -110,7 +121,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     lost_s: Annotated[float, Meta(ge=0, le=3600)] = 150.0  # relocate looks for 120 s where it is
 
 
-class MissionPlanning(Agent):
+@dataclass(frozen=True)
+class Halt:
+    """A way that takes the robot from an exploration that is wanted no more, and until when."""
+
+    way: Way
+    until: float  # s
+
+
+class MissionPlanning(DeliberativeAgent):
     """Has its missions' tasks carried out, and coordinates the planner agents (figure 3.19).
 
     All that it knows is on the board, a latched state: who starts again goes on. It contends for
@@ -121,13 +140,12 @@ class MissionPlanning(Agent):
     name = "mission-planning"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
-        *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
-        *(Alarm, Subplan, BatteryLevel, ChargeStatus),
+        *DeliberativeAgent.hears,
+        *(ExploreStatus, Board, Alarm, Subplan, BatteryLevel, ChargeStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
     asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
-    competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -140,30 +158,15 @@ class MissionPlanning(Agent):
         self._coordinator = Coordinator()
         self._alive: set[str] = set()  # instances
         self._asked_for: tuple[Any, ...] = ()  # the step that planner agents were asked about last
-        self._errand = Errand(self.rng)
         self._by = self.rng.getrandbits(63)
-        self._alarms: list[str] = []
-        self._unchecked: list[str] = []
-        self._no_way: dict[str, tuple[float, float]] = {}  # to an alarm: since when, ask again when
-        self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
-        self._reach, self._note = Reach.NONE, ""
-        self._order = 0  # the exploration that was asked for, or the charge,
-        self._ordered_at = 0.0  # and when that was taken on
+        self._alarms = Alarms(self._places.rooms)
+        self._wanted: Wanted | None = None
         self._unwanted = 0  # the last exploration that is wanted no more
-        self._explored_at = 0.0  # when the explore agent last said anything
-        self._halts: Way | None = None  # what takes the robot from an exploration,
-        self._halts_until = 0.0  # at the longest
-        self._cleared = False  # the energy of its way was looked at,
-        self._weighs = False  # or is being looked at
+        self._halt: Halt | None = None
         self._left = 0  # the way that an earlier mission planning agent has left
-        self._refused_at: float | None = None  # since when no way is planned
-        self._again_at = 0.0
         self._battery_at = float("-inf")
-        self._unknown_at: float | None = None  # since when nobody knows where the robot is
-        self._stood: Waypoint | None = None  # where the robot is to stand for its task
+        self._unknown_at: float | None = None  # since when the pose is not known
         self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
-        self._no_dock = ""  # and its word on that
-        self._wanted_at = 0.0  # when what is wanted was first
         self._looked_at = self._published_at = 0.0
         self._changed = False
 
@@ -223,89 +226,58 @@ class MissionPlanning(Agent):
         if board.by == self._by:
             return
         self._missions.learn(board)
-        self._alarms = self._in_rooms((*board.alarms, *self._alarms))
-        self._unchecked = self._in_rooms((*board.unchecked, *self._unchecked))
+        self._alarms.learn(board)
         self._want(None)
         active = self._missions.active
         if active is not None:
             self._left = active.told.way
             self.log(f"mission {active.told.name} goes on")
 
-    def _in_rooms(self, alarms: tuple[str, ...]) -> list[str]:
-        """Each alarm once, and none of those that nobody could go to."""
-        known = [room for room in dict.fromkeys(alarms) if room in self._places.rooms]
-        return known[:ALARMS_MOST]
-
-    def on_pose(self, pose: Pose) -> None:
-        """Where the robot is on the way that is driven."""
-        self._errand.pose(pose)
-
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        self._errand.trajectory(trajectory)
-
-    def on_planned(self, planned: Planned) -> None:
-        self._errand.planned(planned)
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        """How far whoever's way has come."""
-        self._errand.status(status)
-
     def on_explore_status(self, status: ExploreStatus) -> None:
         """How far an exploration has come."""
-        if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
-            self._halts = None
+        active = status.state in (ExploreState.EXPLORING, ExploreState.RETURNING)
+        if not active:
+            self._halt = None
         elif self._unwanted and status.exploration == self._unwanted:
-            self._halt()  # it was paused while the robot was charged
-        self._explored_at = self.now
-        wanted = self._wanted
-        if wanted is None or not isinstance(wanted[2], Explore) or not self._order:
+            self._halt_exploring()  # it was paused while the robot was charged
+        wants = self._wanted
+        if not isinstance(wants, Exploring) or not wants.order:
             return
-        if status.exploration != self._order:
-            if self.now - self._ordered_at < AFRESH_S:
+        wants.heard_at = self.now
+        if status.exploration != wants.order:
+            if self.now - wants.ordered_at < AFRESH_S:
                 return  # it was said before
-            if status.state in (ExploreState.EXPLORING, ExploreState.RETURNING):
-                self._reach, self._note = Reach.FAILED, "somebody else has it explore"
+            if active:
+                wants.fail("somebody else has it explore")
             else:
-                self._order, self._again_at = 0, self.now  # it was started again: asked anew
+                wants.order = 0  # it was started again: asked anew
+                wants.wait(self.now)
         elif status.state is ExploreState.DONE:
-            self._reach = Reach.DONE
+            wants.reach = Reach.DONE
         elif status.state is ExploreState.FAILED:
-            self._reach, self._note = Reach.FAILED, status.note
+            wants.fail(status.note)
 
     def on_battery_level(self, level: BatteryLevel) -> None:
         self._battery_at = self.now
-        wanted = self._wanted
-        if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
-            charged = level.share >= min(wanted[2].until, FULL)  # in the dock, or already
-            self._reach = Reach.DONE if charged else self._reach
+        match self._wanted:
+            case Charging(key=(_, _, Charge(until=until)), reach=Reach.UNDER_WAY) as wants:
+                if level.share >= min(until, FULL):  # in the dock, or already
+                    wants.reach = Reach.DONE
 
     def on_charge_status(self, status: ChargeStatus) -> None:
         """What the charger is at; without a way to a dock it never is."""
         nowhere = status.state is ChargeState.NONE and bool(status.note)
-        if not nowhere:
-            self._no_dock_at, self._no_dock = None, ""
-            return
-        self._no_dock = status.note
-        if self._no_dock_at is None:
-            self._no_dock_at = self.now
+        self._no_dock_at = since(self._no_dock_at, nowhere, self.now)
 
     def on_alarm(self, alarm: Alarm) -> None:
         """An alarm begins, or is over."""
         if alarm.room not in self._places.rooms:
             self.log(line(f"an alarm in {alarm.room!r}, which is no room: ignored"), WARNING)
             return
-        if alarm.on and alarm.room not in self._alarms and len(self._alarms) < ALARMS_MOST:
-            self._alarms.append(alarm.room)
-            self._unchecked.append(alarm.room)
-            self.log(line(f"alarm in {alarm.room}"), WARNING)
-        elif not alarm.on and alarm.room in self._alarms:
-            self._alarms.remove(alarm.room)
-            self._no_way.pop(alarm.room, None)
-            if alarm.room in self._unchecked:
-                self._unchecked.remove(alarm.room)
-        else:
-            return
-        self._changed = True
+        if self._alarms.update(alarm):
+            self._changed = True
+            if alarm.on:
+                self.log(line(f"alarm in {alarm.room}"), WARNING)
 
     def on_subplan(self, subplan: Subplan) -> None:
         self._coordinator.take(subplan, self.now)
@@ -337,14 +309,16 @@ class MissionPlanning(Agent):
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
-        if resource is TRAJECTORY and self._halts is not None and not self._errand.under_way:
-            return Bid(of_mission(1.0), self._halts, reason="nobody wants it explored any more")
+        if resource is TRAJECTORY and self._halt is not None and not self.errand.under_way:
+            return Bid(of_mission(1.0), self._halt.way, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
             return None
         self.why = "no way yet"
         worth = of_mission(active.told.priority)
-        return self._errand.bid_for(resource, worth, cleared=self._cleared)
+        wants = self._wanted
+        cleared = not isinstance(wants, Driving) or wants.energy is Energy.CLEARED
+        return self.errand.bid_for(resource, worth, cleared=cleared)
 
     # The missions ---------------------------------------------------------------------------------
 
@@ -359,7 +333,7 @@ class MissionPlanning(Agent):
             room="" if room is None else room.name,
             battery=level.share if level is not None and recent else None,
             charging=level is not None and recent and level.charging,
-            alarms=frozenset(self._alarms),
+            alarms=frozenset(self._alarms.on),
         )
 
     def _look(self) -> None:
@@ -368,8 +342,8 @@ class MissionPlanning(Agent):
         if self.stopped is not None:
             seconds = 0.0
         self._coordinator.look(self.now)
-        if self.now > self._halts_until:
-            self._halts = None
+        if self._halt is not None and self.now > self._halt.until:
+            self._halt = None
         before, entry = self._missions.active, self._missions.choose()
         if entry is not before:
             self._switch(before, entry)
@@ -381,7 +355,7 @@ class MissionPlanning(Agent):
             if self._waits_for_pose(beliefs):
                 entry.told = replace(entry.told, note=UNKNOWN)
             elif entry is before and self._is_away:
-                entry.told = replace(entry.told, way=self._errand.way, note=AWAY)
+                entry.told = replace(entry.told, way=self.errand.way, note=AWAY)
             else:
                 self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
@@ -392,14 +366,11 @@ class MissionPlanning(Agent):
 
         It may be lost, or its encoder agent dead for now. A way that is driven is interface's.
         """
-        if beliefs.at is not None:
-            self._unknown_at = None
+        self._unknown_at = since(self._unknown_at, beliefs.at is None, self.now)
+        if self._unknown_at is None or self.now - self._unknown_at >= self.p.lost_s:
             return False
-        if self._unknown_at is None:
-            self._unknown_at = self.now
-        stands = self._wanted is None or isinstance(self._wanted[2], Stand)
-        ended = self._reach is not Reach.UNDER_WAY
-        return (stands or ended) and self.now - self._unknown_at < self.p.lost_s
+        wants = self._wanted
+        return wants is None or isinstance(wants, Standing) or wants.reach is not Reach.UNDER_WAY
 
     @property
     def _is_driven(self) -> bool:
@@ -413,9 +384,9 @@ class MissionPlanning(Agent):
 
         The task waits then, and the robot comes back.
         """
-        if self._wanted is None or not isinstance(self._wanted[2], Stand):
+        if not isinstance(self._wanted, Standing):
             return False
-        at, stood = self._beliefs().at, self._stood
+        at, stood = self._beliefs().at, self._wanted.at
         away = stood and at and hypot(at.x - stood.x, at.y - stood.y) > AWAY_M
         return self._is_driven or bool(away)
 
@@ -436,8 +407,9 @@ class MissionPlanning(Agent):
         assert entry.mission is not None, "it goes on"
         course = entry.told.course
         number = entry.told.mission
-        mine = self._wanted is not None and self._wanted[:2] == (number, course.tasks)
-        state, note = (self._reach, self._note) if mine else (Reach.NONE, "")
+        wants, state, note = self._wanted, Reach.NONE, ""
+        if wants is not None and wants.key[:2] == (number, course.tasks):
+            state, note = wants.reach, wants.note
         fails = failing(entry.mission, course, beliefs, state, note)
         if fails and self._consults(entry, beliefs, fails):
             return
@@ -457,11 +429,11 @@ class MissionPlanning(Agent):
         if out.request is None:
             self._over(entry, out.failed)
             return
-        wanted = (number, out.course.tasks, out.request)
-        if wanted != self._wanted:
-            self._want(wanted, entry)
+        key = (number, out.course.tasks, out.request)
+        if not self._still_wants(key):
+            self._want(key)
             self._carry_out(entry, beliefs)
-        way, note = self._errand.way, self._doings()
+        way, note = self.errand.way, self._doings()
         entry.told = replace(entry.told, way=way, note=note)
         self._missions.show(entry, beliefs.room)
 
@@ -484,9 +456,11 @@ class MissionPlanning(Agent):
 
     def _doings(self) -> str:
         """What keeps what is wanted, for people."""
-        if self._errand.interrupted:
+        if self.errand.interrupted:
             return "somebody more urgent has the robot driven"
-        return line(self._errand.note) if self._errand.under_way else self._note
+        if self.errand.under_way:
+            return line(self.errand.note)
+        return "" if self._wanted is None else self._wanted.note
 
     def _publish_board(self) -> None:
         due = self.now - self._published_at >= self.p.repeat_s
@@ -494,162 +468,150 @@ class MissionPlanning(Agent):
         if not (self._changed or due) or (known is None and not self._missions.entries):
             return
         counter = 1 if known is None else next_count(known.counter)
-        board = Board(counter, self._by, (), (*self._alarms,), (*self._unchecked,))
+        board = Board(counter, self._by, (), self._alarms.on, self._alarms.unchecked)
         self.publish(self._missions.board(board))
         self._published_at, self._changed = self.now, False
 
     # What a task wants ----------------------------------------------------------------------------
 
-    def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
+    def _still_wants(self, key: Key | None) -> bool:
+        return (None if self._wanted is None else self._wanted.key) == key
+
+    def _want(self, key: Key | None) -> None:
         """Want something else, or nothing: what was wanted is let be."""
-        before = None if self._wanted is None else self._wanted[2]
-        if isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY:
-            self._unwanted = self._order
-            self._halt()
-        request = None if wanted is None else wanted[2]
+        before = self._wanted
+        if isinstance(before, Exploring) and before.order and before.reach is Reach.UNDER_WAY:
+            self._unwanted = before.order
+            self._halt_exploring()
+        request: Request | None = None if key is None else key[2]
         if isinstance(request, Drive) or (
-            isinstance(request, Stand) and self._errand.stage is not Stage.DRIVING
+            isinstance(request, Stand) and self.errand.stage is not Stage.DRIVING
         ):
-            self._errand.pause()
+            self.errand.pause()
         else:
-            self._errand.drop()
-        self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
-        self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
-        self._wanted_at, self._stood = self.now, None
-        self._again_at = 0.0
-        if wanted is None or entry is None:
+            self.errand.drop()
+        self._wanted = None if key is None else wanted(key, self.now)
+        if self._wanted is None:
             return
-        self._reach = Reach.UNDER_WAY
         left, self._left = self._left, 0
-        if isinstance(request, Drive) and left:
+        if isinstance(request, Drive) and isinstance(self._wanted, Driving) and left:
             goal = self._goal(request, self._beliefs().at)
-            self._cleared = goal is not None and self._errand.resume(goal, left)
+            if goal is not None and self.errand.resume(goal, left):
+                self._wanted.energy = Energy.CLEARED
 
-    def _ordered(
-        self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
-    ) -> None:
+    def _ordered(self, key: Key, reply: MissionReply | None, what: str) -> None:
         """Whether an exploration, or a charge, was taken on; who would may be back soon."""
-        taken = reply is not None and not reply.refusal
-        if wanted != self._wanted:
-            if taken and isinstance(wanted[2], Explore):
-                assert reply is not None, "it was taken on"
+        refusal = f"nobody {what}" if reply is None else reply.refusal
+        wants = self._wanted
+        if wants is None or wants.key != key:
+            if reply is not None and not refusal and isinstance(key[2], Explore):
                 self._unwanted = reply.mission
-                self._halt()  # it was cancelled in the moment in which it began
-            return
-        if reply is not None and taken:
-            self._order, self._ordered_at = reply.mission, self.now
-            self._note, self._refused_at = "", None
-            return
-        why = f"nobody {what}" if reply is None else reply.refusal
-        if self._refused_at is None:
-            self._refused_at = self.now
-        if self.now - self._refused_at >= self.p.patience_s:
-            self._reach, self._note = Reach.FAILED, line(why)
+                self._halt_exploring()  # it was cancelled in the moment in which it began
+        elif reply is None or refusal:
+            wants.refuse(refusal, self.now, self.p.again_s, self.p.patience_s)
         else:
-            self._note, self._again_at = line(f"waits: {why}"), self.now + self.p.again_s
+            wants.note, wants.patience = "", Patience(again_at=wants.patience.again_at)
+            if isinstance(wants, Exploring):
+                wants.order, wants.ordered_at, wants.heard_at = reply.mission, self.now, self.now
 
-    def _halt(self) -> None:
+    def _halt_exploring(self) -> None:
         """Have an exploration ended: the explore agent does when somebody else drives the robot."""
         at = self._beliefs().at
-        if at is not None and self._halts is None:
-            here = Point(at.x, at.y)
-            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
-            self._halts_until = self.now + HALT_S
+        if at is not None and self._halt is None:
+            way = Way(self.rng.getrandbits(63), (at,), Point(at.x, at.y), planned=False)
+            self._halt = Halt(way, self.now + HALT_S)
 
     def _carry_out(self, entry: Entry, beliefs: Beliefs) -> None:
         """See to what the task wants; most of it is seen to by others."""
-        wanted = self._wanted
-        if wanted is None or wanted[0] != entry.told.mission or self._reach is not Reach.UNDER_WAY:
+        wants, mission = self._wanted, entry.told.mission
+        if wants is None or wants.key[0] != mission or wants.reach is not Reach.UNDER_WAY:
             return
-        request = wanted[2]
-        if isinstance(request, Stand):
-            self._come_back(entry, beliefs)
-            return
-        if isinstance(request, Drive):
-            self._drive(entry, request, beliefs)
-        elif isinstance(request, Charge):
-            self._charge(wanted, request)
-        elif isinstance(request, Explore):
-            self._explore(wanted, request)
+        match wants, wants.key[2]:
+            case Standing(), _:
+                self._come_back(entry, wants, beliefs)
+            case Driving(), Drive() as request:
+                self._drive(entry, wants, request, beliefs)
+            case Charging(), Charge() as request:
+                self._charge(wants, request)
+            case Exploring(), Explore() as request:
+                self._explore(wants, request)
 
-    def _come_back(self, entry: Entry, beliefs: Beliefs) -> None:
+    def _come_back(self, entry: Entry, wants: Standing, beliefs: Beliefs) -> None:
         """Drive to where it is to stand, once whoever had it driven elsewhere is done with it.
 
         Without a way back for a while the task stands where it is, and may fail for that.
         """
-        errand, pose, stood = self._errand, self.fresh(Pose), self._stood
-        if stood is None:
-            self._stood = None if self._is_driven else beliefs.at
-            if self._stood is not None and pose is not None:
+        errand, pose = self.errand, self.fresh(Pose)
+        if wants.at is None:
+            wants.at = None if self._is_driven else beliefs.at
+            if wants.at is not None and pose is not None:
                 self._stand(pose)
         elif errand.stage is Stage.REACHED:
             errand.stand(pose)
         elif errand.stage is Stage.FAILED:
             errand.drop()
-            if self._refused_at is None:
-                self._refused_at = self.now
-            self._again_at = self.now + self.p.again_s
-            if self.now - self._refused_at >= self.p.patience_s:
-                self._stood = self._refused_at = None
-        elif errand.stage is Stage.NONE and self.now >= self._again_at:
+            wants.patience = wants.patience.refused(self.now, self.p.again_s)
+            if wants.patience.over(self.now, self.p.patience_s):
+                wants.at, wants.patience = None, Patience(again_at=wants.patience.again_at)
+        elif errand.stage is Stage.NONE and self.now >= wants.patience.again_at:
             known = pose is not None and beliefs.at is not None
             if known and self._is_away and not self._is_driven:
                 assert pose is not None, "it is known"
-                self._cleared = True
-                errand.go(stood, pose, 0.0, f"{entry.told.name}: back to where it stood")
+                errand.go(wants.at, pose, 0.0, f"{entry.told.name}: back to where it stood")
 
     def _stand(self, pose: Pose) -> None:
         """Have the robot kept where it stands: what that is worth, others see by the bid."""
-        if self._errand.standing is None and not self._is_driven:
-            self._errand.stand(pose)
+        if self.errand.standing is None and not self._is_driven:
+            self.errand.stand(pose)
 
-    def _charge(self, wanted: tuple[int, int, Request], request: Charge) -> None:
+    def _charge(self, wants: Charging, request: Charge) -> None:
         """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""
-        if self.now - max(self._battery_at, self._wanted_at) > self.p.battery_s:
-            self._reach = Reach.FAILED
-            self._note = "nobody says what is left of the battery: no fresh battery/level"
+        if self.now - max(self._battery_at, wants.since) > self.p.battery_s:
+            wants.fail("nobody says what is left of the battery: no fresh battery/level")
             return
-        since = self._no_dock_at
-        if since is not None and self.now - max(since, self._wanted_at) > self.p.patience_s:
-            self._reach, self._note = Reach.FAILED, self._no_dock
+        status, no_dock_at = self.latest(ChargeStatus), self._no_dock_at
+        nowhere_s = 0.0 if no_dock_at is None else self.now - max(no_dock_at, wants.since)
+        if status is not None and nowhere_s > self.p.patience_s:
+            wants.fail(status.note)
             return
-        if self.now >= self._again_at:
-            self._again_at = self.now + ASK_S
-            charge = ChargeRequest(request.until)
-            self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
+        self._order(wants, ChargeRequest(request.until), "charges")
 
-    def _explore(self, wanted: tuple[int, int, Request], request: Explore) -> None:
+    def _order(self, wants: Wanted, request: Message, what: str) -> None:
+        """Ask another agent for it, now and then."""
+        if self.now >= wants.patience.again_at:
+            wants.wait(self.now + ASK_S)
+            self.ask(request, lambda reply: self._ordered(wants.key, reply, what))
+
+    def _explore(self, wants: Exploring, request: Explore) -> None:
         """Have it explored; anew if the explore agent does not know of it any more."""
-        if self._order:
-            if self.now - max(self._explored_at, self._ordered_at) > self.p.patience_s:
-                self._reach, self._note = Reach.FAILED, "the explore agent says nothing"
-        elif self.now >= self._again_at:
-            self._again_at = self.now + ASK_S
+        if not wants.order:
             asked = ExploreRequest(*(request.within or self._places.world.bounds))
-            self.ask(asked, lambda reply: self._ordered(wanted, reply, "explores"))
+            self._order(wants, asked, "explores")
+        elif self.now - wants.heard_at > self.p.patience_s:
+            wants.fail("the explore agent says nothing")
 
-    def _drive(self, entry: Entry, request: Drive, beliefs: Beliefs) -> None:
-        errand, pose = self._errand, self.fresh(Pose)
+    def _drive(self, entry: Entry, wants: Driving, request: Drive, beliefs: Beliefs) -> None:
+        errand, pose = self.errand, self.fresh(Pose)
         if errand.stage is Stage.REACHED:
-            self._reach = Reach.DONE
+            wants.reach = Reach.DONE
             errand.stand(pose)
         elif errand.stage is Stage.FAILED:
-            self._not_planned(errand.note)
+            self._not_planned(wants)
         elif errand.stage is Stage.NONE:
             if pose is None or beliefs.at is None:
                 return
-            if self.now < self._again_at:
+            if self.now < wants.patience.again_at:
                 self._stand(pose)
                 return
             goal = self._goal(request, beliefs.at)
             if goal is None:
-                self._reach, self._note = Reach.FAILED, f"no place {request.to!r}"
+                wants.fail(f"no place {request.to!r}")
                 return
             state = self.latest(RobotState)
             errand.go(goal, pose, state.v if state is not None else 0.0, entry.told.name)
-        elif errand.plan is not None and not self._cleared and not self._weighs:
-            self._weighs = True
-            self._look_at_energy(entry, beliefs)
+        elif errand.plan is not None and wants.energy is Energy.UNKNOWN:
+            wants.energy = Energy.ASKED
+            self._look_at_energy(entry, wants, beliefs)
 
     def _goal(self, request: Drive, at: Waypoint | None) -> Waypoint | None:
         """The pose to drive to; at a place that says no heading, that of the way there."""
@@ -663,35 +625,35 @@ class MissionPlanning(Agent):
             theta = 0.0 if at is None else atan2(y - at.y, x - at.x)
         return Waypoint(x, y, theta)
 
-    def _not_planned(self, why: str) -> None:
+    def _not_planned(self, wants: Driving) -> None:
         """No way, or one that was given up: try again for a while, for people walk on."""
-        planned = self._errand.plan is not None and not self._errand.plan.refusal
-        self._errand.drop()
-        self._weighs = self._cleared = False
-        if self._refused_at is None:
-            self._refused_at = self.now
-        if planned or self.now - self._refused_at >= self.p.patience_s:
-            self._reach, self._note = Reach.FAILED, line(why)
+        plan, why = self.errand.plan, self.errand.note
+        self.errand.drop()
+        wants.energy = Energy.UNKNOWN
+        if plan is not None and not plan.refusal:
+            wants.fail(why)
         else:
-            self._note, self._again_at = line(f"waits: {why}"), self.now + self.p.again_s
+            wants.refuse(why, self.now, self.p.again_s, self.p.patience_s)
 
-    def _look_at_energy(self, entry: Entry, beliefs: Beliefs) -> None:
+    def _look_at_energy(self, entry: Entry, wants: Driving, beliefs: Beliefs) -> None:
         """Ask the battery charger whether there is enough for the way, and to a dock (3.2.2)."""
-        errand, wanted = self._errand, self._wanted
+        errand = self.errand
         assert errand.goal is not None, "it has a plan"
         assert errand.plan is not None, "it has a plan"
 
         def told(reply: EnergyReply | None) -> None:
-            if self._wanted != wanted or errand.plan is None:
+            if self._wanted is not wants or errand.plan is None:
                 return
             if reply is None or reply.enough:
-                self._cleared = True
+                wants.energy = Energy.CLEARED
             else:
-                self._not_enough(entry, reply, beliefs)
+                self._not_enough(entry, wants, reply, beliefs)
 
         self.ask(EnergyRequest(errand.goal, errand.plan.energy), told)
 
-    def _not_enough(self, entry: Entry, reply: EnergyReply, beliefs: Beliefs) -> None:
+    def _not_enough(
+        self, entry: Entry, wants: Driving, reply: EnergyReply, beliefs: Beliefs
+    ) -> None:
         """The charger warns: charge first, run the risk or give it up, as the mission says."""
         assert entry.mission is not None, "it goes on"
         note = reply.note or f"{reply.left:.0f} J left, {reply.needed:.0f} J needed"
@@ -702,18 +664,18 @@ class MissionPlanning(Agent):
         )
         full = beliefs.battery is not None and beliefs.battery >= FULL
         if entry.mission.energy == "fail":
-            self._reach, self._note = Reach.FAILED, line(f"the energy will not do: {note}")
+            wants.fail(f"the energy will not do: {note}")
         elif entry.mission.energy == "risk" or failed or full:
-            self._cleared = True
+            wants.energy = Energy.CLEARED
         else:
             self._charge_first(entry, beliefs, note)
 
     def _charge_first(self, entry: Entry, beliefs: Beliefs, note: str) -> None:
         """Have it charged before the way, as the planner agents say, or at once."""
-        dock, wanted = (PlanStep("dock"),), self._wanted
+        dock, wants = (PlanStep("dock"),), self._wanted
 
         def chosen(subplan: Subplan | None) -> None:
-            if self._wanted == wanted and entry.goes_on:
+            if self._wanted is wants and entry.goes_on:
                 self._merge(entry, dock if subplan is None else subplan.steps)
 
         if beliefs.at is None or self._coordinator.busy:
@@ -727,24 +689,19 @@ class MissionPlanning(Agent):
     def _heed_alarms(self, entry: Entry, beliefs: Beliefs) -> None:
         """Ask the planner agents what to do about an alarm (3.6.1)."""
         mission, course = entry.mission, entry.told.course
-        if not self._unchecked or mission is None or not course.frames or beliefs.at is None:
+        room = self._alarms.due(self.now)
+        if room is None or mission is None or not course.frames or beliefs.at is None:
             return
         if not mission.on_alarm or self._coordinator.busy or course.detour:
-            return
-        nowhere = self._no_way
-        asked = (r for r in self._unchecked if self.now >= nowhere.get(r, (0.0, 0.0))[1])
-        room = next(asked, None)
-        if room is None:
             return
         before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
 
         def chosen(subplan: Subplan | None) -> None:
-            if room not in self._unchecked or not entry.goes_on:
+            if room not in self._alarms.unchecked or not entry.goes_on:
                 return  # over by now; or another mission's
             if subplan is None and self._waits_for_a_way(room):
                 return
-            self._unchecked.remove(room)
-            nowhere.pop(room, None)
+            self._alarms.checked(room)
             # Nobody to ask, or nobody who knows: straight there and on, as far as it goes.
             self._merge(entry, before if subplan is None else subplan.steps)
 
@@ -800,11 +757,11 @@ class MissionPlanning(Agent):
 
         With an answer it is begun anew after the sub-plan. Without, it has failed.
         """
-        wanted, course, mission = self._wanted, entry.told.course, entry.mission
+        course, mission = entry.told.course, entry.mission
         assert mission is not None, "it goes on"
         places = [(f.procedure, f.step, f.turn, f.attempt) for f in course.frames]
         step = (entry.told.mission, *places)
-        drives = wanted is not None and isinstance(wanted[2], Drive)
+        drives = isinstance(self._wanted, Driving)
         surprise = Surprise.BLOCKED if drives else Surprise.FAILED
         if step == self._asked_for or beliefs.at is None or not self._coordinator.able(surprise):
             return False
@@ -841,12 +798,13 @@ class MissionPlanning(Agent):
         """
         if not self._coordinator.able(Surprise.ALARM):
             return False
-        since, _ = self._no_way.setdefault(room, (self.now, 0.0))
-        if self.now - since >= self.p.patience_s:
+        before = self._alarms.no_way.get(room)
+        patience = (before or Patience()).refused(self.now, self.p.again_s)
+        self._alarms.no_way[room] = patience
+        if patience.over(self.now, self.p.patience_s):
             return False
-        if since == self.now:
+        if before is None:
             self.log(line(f"alarm in {room}: no planner agent knows a way: asked again"), WARNING)
-        self._no_way[room] = since, self.now + self.p.again_s
         return True
 
     def _merge(self, entry: Entry, steps: tuple[PlanStep, ...]) -> None:

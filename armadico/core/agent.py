@@ -145,6 +145,23 @@ class _Owned:
     complained_at: float = float("-inf")
 
 
+class _Asked:
+    """The queries that are not answered yet: what is done with each answer, by number."""
+
+    def __init__(self) -> None:
+        self._last = 0
+        self._then: dict[int, Callable[[Any], None]] = {}
+
+    def put(self, then: Callable[[Any], None]) -> int:
+        """Note one; return its number."""
+        self._last += 1
+        self._then[self._last] = then
+        return self._last
+
+    def pop(self, number: int) -> Callable[[Any], None] | None:
+        return self._then.pop(number, None)
+
+
 class Agent:
     """One agent. A subclass declares what it talks about, and fills in handlers and methods."""
 
@@ -204,10 +221,8 @@ class Agent:
             kind: gather() for kind in listened if (gather := service_of(kind).gather) is not None
         }
         self._handlers = {kind: self._handler(kind) for kind in (*listened, *self.answers)}
-        self._unsound = False  # what it proposed in this turn
         self._alarm: float | None = None
-        self._asked: dict[int, Callable[[Any], None]] = {}
-        self._next_id = 0
+        self._asked = _Asked()
         self._turned: dict[str, m.Cycle] = {}  # by resource, the cycle of its last turn
         self._owned = {r.name: self._own(declare(r)) for r in self.owns}
         self._contenders = {r.name: self._contend(declare(r)) for r in self.competes_for}
@@ -339,9 +354,7 @@ class Agent:
         then: Callable[[Any], None],
         timeout: float,
     ) -> None:
-        self._next_id += 1
-        self._asked[self._next_id] = then
-        self.outbox.append(AskFor(self._next_id, key, request, reply, timeout))
+        self.outbox.append(AskFor(self._asked.put(then), key, request, reply, timeout))
 
     def answer(self, question: Question, reply: Message) -> None:
         """Answer a query, now or later."""
@@ -450,7 +463,7 @@ class Agent:
     def replied(self, question_id: int, reply: Message | None, now: float) -> None:
         """Take the answer to something that was asked; None if there was none."""
         self.now = now
-        then = self._asked.pop(question_id, None)
+        then = self._asked.pop(question_id)
         if then is not None:
             then(reply)
 
@@ -839,7 +852,7 @@ class Agent:
         """One turn: a bid for a resource, if its inputs are fresh."""
         contender = self._contenders[resource.name]
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
-        bid, self.why, self.lacks, self._unsound = None, "", "", False
+        bid, unsound, self.why, self.lacks = None, False, "", ""
         if not contender.clock.alive(self.now) or not contender.owned:
             self.lacks = resource.ack_key
         elif resource.stops and (stop := self.stopped) is not None:
@@ -847,9 +860,11 @@ class Agent:
         elif stale is not None:
             self.lacks = self._lacks(stale)
         else:
-            bid = self._sound(resource, self.bid_for(resource, message))
+            proposed = self.bid_for(resource, message)
+            bid = self._sound(resource, proposed)
+            unsound = bid is None and proposed is not None
         self.why = self.why or (f"no fresh {self.lacks}" if self.lacks else "")
-        self._record(resource, message.cycle, bid)
+        self._record(resource, message.cycle, bid, unsound=unsound)
         self._say(resource, contender.bid(message.cycle, bid, self.now, self._oldest_input()))
 
     def _oldest_input(self) -> m.Cycle | None:
@@ -873,18 +888,17 @@ class Agent:
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
             self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
-            self._unsound = True
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 
-    def _record(self, resource: Resource, cycle: m.Cycle, bid: Bid | None) -> None:
+    def _record(
+        self, resource: Resource, cycle: m.Cycle, bid: Bid | None, *, unsound: bool
+    ) -> None:
         inputs = self._inputs
         if bid is None:
             why = m.line(self.why)[:LONGEST_REASON]
             lacks = m.line(self.lacks)
-            record = m.BidRecord(
-                cycle, resource.name, None, False, (), why, inputs, lacks, self._unsound
-            )
+            record = m.BidRecord(cycle, resource.name, None, False, (), why, inputs, lacks, unsound)
         else:
             record = m.BidRecord(
                 cycle, resource.name, bid.utility, bid.critical, bid.action, bid.reason, inputs

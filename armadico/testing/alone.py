@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import atan2, degrees, hypot, radians
-from typing import Final
+from typing import Final, TypeVar
 
-from armadico.core.agent import Agent, Publish
+from armadico.core.agent import Agent, Answer, AskFor, Publish, Question
 from armadico.core.coordination import DRAW
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -25,8 +25,9 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles
 
-NO_STOP = Stop()
+M = TypeVar("M", bound=Message)
 
+NO_STOP = Stop()
 
 PIONEER: Final = Description(
     robot="pioneer-2dx",
@@ -60,9 +61,15 @@ class Alone:
         now: The time, s.
         pose: Where the robot is: m, m, rad in the world.
         off_m: How far the pose may be off, m; 0: it has no covariance.
+        odometry: Where its controller has it: m, m, rad from where it was switched on.
         speed: How the wheels turn, m/s and rad/s.
+        volts: Of its battery.
+        charging: Whether a charger is on.
         stalled: Whether something holds the robot.
+        touch: What it touches, by its bumpers: m before and beside the axle.
         published: All that the agent has published.
+        asked: The queries that it has put, not all of them answered.
+        answers: What it has answered, by the number of the query.
     """
 
     def __init__(self, agent: Agent, epoch: int = 1, robot: Description | None = PIONEER) -> None:
@@ -79,9 +86,15 @@ class Alone:
         self.now = 0.0
         self.pose = (0.0, 0.0, 0.0)
         self.off_m = 0.0
+        self.odometry = (0.0, 0.0, 0.0)
         self.speed = (0.0, 0.0)
-        self.stalled = False
+        self.volts = 12.0
+        self.stalled = self.charging = False
+        self.touch: Point | None = None
         self.published: list[Message] = []
+        self.asked: list[AskFor] = []
+        self.answers: dict[int, Message] = {}
+        self._replied: set[int] = set()
         if robot and any(each.message is Description for each in agent.subscriptions()):
             self.give(robot)
 
@@ -110,18 +123,58 @@ class Alone:
 
     def collect(self) -> list[Message]:
         """What it has published since."""
-        found = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
-        self.agent.outbox.clear()
+        out, self.agent.outbox = self.agent.outbox, []
+        found = [item.message for item in out if isinstance(item, Publish)]
+        self.asked += [item for item in out if isinstance(item, AskFor)]
+        self.answers |= {item.id: item.message for item in out if isinstance(item, Answer)}
         self.published += found
         return found
+
+    def all(self, kind: type[M]) -> list[M]:
+        """All messages of a kind that it has published."""
+        return [message for message in self.published if isinstance(message, kind)]
+
+    def last(self, kind: type[M]) -> M:
+        """The last message of a kind that it has published."""
+        return self.all(kind)[-1]
+
+    def query(self, request: Message, number: int = 1) -> Message | None:
+        """Put a query to it. Returns its answer; None: it is still to come, into `answers`."""
+        self.answers.pop(number, None)
+        self.agent.asked(Question(number, request), self.now)
+        self.collect()
+        return self.answers.get(number)
+
+    @property
+    def waits(self) -> bool:
+        """Whether it waits for the answer to the last query that it has put."""
+        return bool(self.asked) and self.asked[-1].id not in self._replied
+
+    def reply(self, message: Message | None) -> list[Message]:
+        """Answer the last query that it has put. Returns what it publishes at that."""
+        self._replied.add(self.asked[-1].id)
+        self.agent.replied(self.asked[-1].id, message, self.now)
+        return self.collect()
+
+    def wake(self) -> list[Message]:
+        """Wake it, if it is to be woken by now. Returns what it publishes at that."""
+        due = self.agent.wakeup
+        if due is not None and self.now >= due:
+            self.agent.wake(self.now)
+        return self.collect()
 
     def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
         """Let so many cycles pass, and give it the robot's state and its ack."""
         self.number += cycles
         self.now += PERIOD * cycles
         v, w = self.speed
-        state = RobotState(self.at, 0, 0, 0, v, w, 12, True, self.stalled, stop)
-        return self.give(state, self.ack())
+        stalled = self.stalled or self.touch is not None
+        state = RobotState(
+            *(self.at, *self.odometry, v, w, self.volts, True, stalled, stop),
+            touch=self.touch,
+            charging=self.charging,
+        )
+        return self.give(state, *([self.ack()] if self.agent.competes_for else []))
 
     def ack(self) -> Ack:
         """The robot agent's ack: it obeys the agent's last command."""

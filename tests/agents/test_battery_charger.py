@@ -12,7 +12,6 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.missions.battery_charger import BatteryCharger
-from armadico.agents.missions.errands import Stage
 from armadico.agents.missions.messages import ChargeState, ChargeStatus, EnergyReply, EnergyRequest
 from armadico.config.scenarios import Battery, Scenario, load_scenario
 from armadico.config.worlds import load_world
@@ -20,6 +19,7 @@ from armadico.core.agent import Identity
 from armadico.core.messages import Log, Message, RobotState
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.driven import Stage
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import BatteryLevel, Pose, Truth, Waypoint
 from armadico.mobile.resources import PLANNER, TRAJECTORY

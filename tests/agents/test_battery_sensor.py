@@ -14,46 +14,41 @@ from armadico.agents.missions.messages import BatteryAlarm
 from armadico.bridge.simulator.battery import Battery
 from armadico.config.profile import load_profile
 from armadico.core.agent import Identity, Publish
-from armadico.core.messages import Cycle, Log, Message, RobotState
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import Cycle, Log, Message
 from armadico.mobile.messages import BatteryLevel
+from armadico.testing import Alone
 
 PROFILE = load_profile("pioneer-2dx")
-CYCLE_S = 0.1
 
 
-class Robot:
+class Robot(Alone):
     """A battery under the motors' load, and what the controller says of it."""
 
     def __init__(self, charge: float, **parameters: float) -> None:
         self.battery = Battery(PROFILE.battery, charge)
         self.parameters = Parameters(**parameters)  # type: ignore[arg-type]
         self.said: list[tuple[float, Message]] = []
-        self.now, self.number = 0.0, 0
-        self.start()
+        super().__init__(BatterySensor(Identity("battery-sensor-1"), self.parameters), robot=None)
 
-    def start(self) -> None:
-        self.sensor = BatterySensor(Identity("battery-sensor-1"), self.parameters)
+    def restart(self) -> None:
+        self.agent = BatterySensor(Identity("battery-sensor-1"), self.parameters)
 
     def drive(self, seconds: float, v: float = 0.0, *, charging: bool = False) -> BatteryLevel:
         watts = motor_power(PROFILE, v)
         self.battery.charging = charging
-        for _ in range(round(seconds / CYCLE_S)):
-            self.battery.drain(watts, CYCLE_S)
+        for _ in range(round(seconds / PERIOD)):
+            self.battery.drain(watts, PERIOD)
             self.say(round(self.battery.volts, 1), v, charging)
         return self.level
 
     def say(self, volts: float, v: float = 0.0, charging: bool = False) -> None:
-        self.number += 1
-        self.now += CYCLE_S
-        cycle = Cycle(1, self.number)
-        state = RobotState(cycle, 0, 0, 0, v, 0, volts, True, False, charging=charging)
-        self.sensor.receive(state, self.now)
-        self.said += [(self.now, o.message) for o in self.sensor.outbox if isinstance(o, Publish)]
-        self.sensor.outbox.clear()
+        self.volts, self.speed, self.charging = volts, (v, 0.0), charging
+        self.said += [(self.now, message) for message in self.state()]
 
     @property
     def level(self) -> BatteryLevel:
-        return self.of(BatteryLevel)[-1][1]  # type: ignore[return-value]
+        return self.last(BatteryLevel)
 
     def of(self, kind: type[Message]) -> list[tuple[float, Message]]:
         return [(t, message) for t, message in self.said if isinstance(message, kind)]
@@ -132,7 +127,7 @@ def test_started_again_it_knows_in_seconds_what_it_knew() -> None:
     robot = Robot(0.5)
     robot.drive(300.0, 0.3)
     before = robot.level.share
-    robot.start()
+    robot.restart()
     assert robot.drive(10.0, 0.3).share == pytest.approx(before, abs=0.03)
 
 

@@ -21,10 +21,11 @@ from armadico.agents.localization.encoder import (
     Parameters,
 )
 from armadico.agents.methods.odometry import ROLLED_M
-from armadico.core.agent import Identity, Publish
-from armadico.core.messages import Cycle, Log, Message, RobotState, checked
+from armadico.core.agent import Identity
+from armadico.core.messages import Cycle, Log, RobotState, checked
 from armadico.mobile.geometry import compose, relative
 from armadico.mobile.messages import Correction, InitialPose, Origin, Pose
+from armadico.testing import Alone
 from tests.core.test_messages import of
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)
@@ -32,17 +33,13 @@ places = st.tuples(metres, metres, angles)
 Place = tuple[float, float, float]
 
 
-class Robot:
+class Robot(Alone):
     """Says where its odometry has got to, cycle by cycle."""
 
     def __init__(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
         self.parameters = Parameters(x=x, y=y, theta=theta)
         self.starts = 0
-        self.encoder = self.new_encoder()
-        self.epoch = 1
-        self.number = 0
-        self.now = 0.0
-        self.said: list[Message] = []
+        super().__init__(self.new_encoder(), robot=None)
         self.poses: list[Pose] = []
 
     def new_encoder(self) -> Encoder:
@@ -50,20 +47,15 @@ class Robot:
         identity = Identity(f"encoder-{self.starts}", rng=random.Random(self.starts))
         return Encoder(identity, self.parameters)
 
-    def at(self, x: float, y: float, theta: float, v: float = 0.0) -> Pose:
-        self.number += 1
-        self.now += 0.1
-        cycle = Cycle(self.epoch, self.number)
-        self.encoder.receive(RobotState(cycle, x, y, theta, v, 0, 12, True, False), self.now)
-        said = [item.message for item in self.encoder.outbox if isinstance(item, Publish)]
-        self.encoder.outbox.clear()
-        self.said += said
+    def moved(self, x: float, y: float, theta: float, v: float = 0.0) -> Pose:
+        self.odometry, self.speed = (x, y, theta), (v, 0.0)
+        said = self.state()
         self.poses = [message for message in said if isinstance(message, Pose)]
-        assert all(found.cycle == cycle for found in self.poses)
-        return self.poses[0] if self.poses else Pose(cycle, nan, nan, nan)
+        assert all(found.cycle == self.at for found in self.poses)
+        return self.poses[0] if self.poses else Pose(self.at, nan, nan, nan)
 
     def origin(self) -> Origin:
-        return next(message for message in reversed(self.said) if isinstance(message, Origin))
+        return self.last(Origin)
 
     def restart(self) -> None:
         """Another robot agent; a new epoch is believed when the one before was silent."""
@@ -74,10 +66,10 @@ class Robot:
     def restart_encoder(self, *, remembered: bool = True) -> None:
         """Another encoder agent; those who remember the origin give it back."""
         known = self.origin()
-        self.encoder = self.new_encoder()
+        self.agent = self.new_encoder()
         if remembered:
-            self.encoder.remember(known, self.now)
-            self.encoder.start(self.now)
+            self.agent.remember(known, self.now)
+            self.agent.start(self.now)
 
 
 @given(
@@ -90,16 +82,16 @@ def test_no_lie_makes_it_unable_to_say_a_pose(
 ) -> None:
     robot = Robot()
     for origin, correction, state in lies:
-        robot.encoder.receive(origin, robot.now)
+        robot.give(origin)
         here = replace(correction, cycle=Cycle(robot.epoch, max(robot.number, 1)))
-        robot.encoder.receive(here, robot.now)
-        checked(robot.at(state.x, state.y, state.theta))
+        robot.give(here)
+        checked(robot.moved(state.x, state.y, state.theta))
         robot.restart()
-        checked(robot.at(state.x, state.y, state.theta))
+        checked(robot.moved(state.x, state.y, state.theta))
     robot.restart()
     for _ in range(TOLD_CYCLES + AGAIN_CYCLES + 1):
-        checked(robot.at(x, y, 0.0))
-    assert checked(robot.origin()) == robot.encoder.memory.newest(Origin)
+        checked(robot.moved(x, y, 0.0))
+    assert checked(robot.origin()) == robot.agent.memory.newest(Origin)
 
 
 def pose(p: Pose) -> Place:
@@ -108,21 +100,21 @@ def pose(p: Pose) -> Place:
 
 def test_odometry_is_put_where_the_robot_stood() -> None:
     robot = Robot(x=3.4, y=0.6, theta=pi / 2)
-    assert pose(robot.at(0, 0, 0)) == pytest.approx((3.4, 0.6, pi / 2))
-    assert pose(robot.at(2.0, 0.5, -0.3)) == pytest.approx((2.9, 2.6, pi / 2 - 0.3))
+    assert pose(robot.moved(0, 0, 0)) == pytest.approx((3.4, 0.6, pi / 2))
+    assert pose(robot.moved(2.0, 0.5, -0.3)) == pytest.approx((2.9, 2.6, pi / 2 - 0.3))
 
 
 def test_one_status_packet_one_pose_of_its_cycle() -> None:
     robot = Robot()
-    assert [robot.at(0, 0, 0).cycle.number for _ in range(3)] == [1, 2, 3]
-    robot.encoder.receive(RobotState(Cycle(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
-    assert robot.encoder.outbox == []
+    assert [robot.moved(0, 0, 0).cycle.number for _ in range(3)] == [1, 2, 3]
+    robot.agent.receive(RobotState(Cycle(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
+    assert robot.agent.outbox == []
 
 
 def test_headings_stay_in_one_turn() -> None:
     robot = Robot(theta=3.0)
-    robot.at(0, 0, 0)
-    assert -pi < robot.at(0, 0, 3.0).theta <= pi
+    robot.moved(0, 0, 0)
+    assert -pi < robot.moved(0, 0, 3.0).theta <= pi
 
 
 @given(places, places, places)
@@ -131,11 +123,11 @@ def test_a_robot_agent_whose_controller_counts_on_does_not_move_the_robot(
 ) -> None:
     """However often it restarts: odometry that goes on is the robot's way."""
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
-    robot.at(*begins)
-    stood = robot.at(*before)
+    robot.moved(*begins)
+    stood = robot.moved(*before)
     robot.restart()
-    assert pose(robot.at(*before)) == pytest.approx(pose(stood), abs=1e-9)
-    moved = robot.at(*goes)
+    assert pose(robot.moved(*before)) == pytest.approx(pose(stood), abs=1e-9)
+    moved = robot.moved(*goes)
     way = (moved.x - stood.x) ** 2 + (moved.y - stood.y) ** 2
     assert way == pytest.approx((goes[0] - before[0]) ** 2 + (goes[1] - before[1]) ** 2, abs=1e-6)
 
@@ -148,38 +140,40 @@ def test_a_controller_that_zeroes_its_odometry_does_not_move_the_robot_either(
     before: Place, goes: Place
 ) -> None:
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
-    robot.at(0.0, 0.0, 0.0)
-    stood = robot.at(*before)
+    robot.moved(0.0, 0.0, 0.0)
+    stood = robot.moved(*before)
     robot.restart()
-    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-6)
-    assert any(isinstance(message, Log) and "begun anew" in message.text for message in robot.said)
+    assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-6)
+    assert any(
+        isinstance(message, Log) and "begun anew" in message.text for message in robot.published
+    )
     expected = compose(pose(stood), goes)
-    assert pose(robot.at(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
+    assert pose(robot.moved(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
 
 
 @pytest.mark.parametrize("x", [0.4, 1.0, 2.9])
 def test_a_controller_at_zero_has_begun_anew_though_it_was_not_far(x: float) -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
-    stood = robot.at(x, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
+    stood = robot.moved(x, 0.0, 0.0)
     robot.restart()
-    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-9)
+    assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-9)
 
 
 def test_what_it_rolled_while_no_robot_agent_listened_is_part_of_its_way() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
-    robot.at(4.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
+    robot.moved(4.0, 0.0, 0.0)
     robot.restart()
-    assert pose(robot.at(4.5, 0.0, 0.0)) == pytest.approx((4.5, 0.0, 0.0))
+    assert pose(robot.moved(4.5, 0.0, 0.0)) == pytest.approx((4.5, 0.0, 0.0))
 
 
 def test_restarts_add_up() -> None:
     """Of the controller too, each time at zero."""
     robot = Robot()
     for _ in range(3):
-        robot.at(0, 0, 0)
-        stood = robot.at(1.0, 0.0, pi / 2)
+        robot.moved(0, 0, 0)
+        stood = robot.moved(1.0, 0.0, pi / 2)
         robot.restart()
     assert pose(stood) == pytest.approx((0.0, 1.0, -pi / 2))
 
@@ -189,67 +183,67 @@ def test_an_encoder_agent_that_restarts_goes_on_by_what_the_others_remember(
     begins: Place, before: Place, goes: Place
 ) -> None:
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
-    robot.at(*begins)
-    stood = robot.at(*before)
+    robot.moved(*begins)
+    stood = robot.moved(*before)
     robot.restart_encoder()
-    assert pose(robot.at(*before)) == pytest.approx(pose(stood), abs=1e-9)
+    assert pose(robot.moved(*before)) == pytest.approx(pose(stood), abs=1e-9)
     expected = compose(pose(stood), relative(before, goes))
-    assert pose(robot.at(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
+    assert pose(robot.moved(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
 
 
 @pytest.mark.parametrize("first", ["robot", "encoder"])
 @pytest.mark.parametrize("zeroes", [False, True])
 def test_both_may_restart_in_either_order(first: str, zeroes: bool) -> None:
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     for _ in range(AGAIN_CYCLES):
-        stood = robot.at(3.5, 1.0, 0.7)
+        stood = robot.moved(3.5, 1.0, 0.7)
     if first == "robot":
         robot.restart()
         robot.restart_encoder()
     else:
         robot.restart_encoder()
         robot.restart()
-    after = robot.at(0.0, 0.0, 0.0) if zeroes else robot.at(3.5, 1.0, 0.7)
+    after = robot.moved(0.0, 0.0, 0.0) if zeroes else robot.moved(3.5, 1.0, 0.7)
     assert pose(after) == pytest.approx(pose(stood), abs=1e-9)
 
 
 def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
     """The odometry begins where the controller's is; before, its zero was put there."""
     robot = Robot(x=1.0)
-    robot.at(0.0, 0.0, 0.0)
-    robot.at(2.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
+    robot.moved(2.0, 0.0, 0.0)
     robot.restart_encoder(remembered=False)
-    assert pose(robot.at(2.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    assert pose(robot.moved(2.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
 
 
 def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
     robot = Robot(x=5.0)
     for _ in range(YOUNG_CYCLES):
-        robot.at(1.0, 0, 0)
+        robot.moved(1.0, 0, 0)
     known = robot.origin()
     robot.restart_encoder(remembered=False)
-    robot.encoder.start(robot.now)
-    said = [robot.at(1.0, 0, 0) for _ in range(TOLD_CYCLES)]
+    robot.agent.start(robot.now)
+    said = [robot.moved(1.0, 0, 0) for _ in range(TOLD_CYCLES)]
     assert all(isnan(pose.x) for pose in said)
-    robot.encoder.receive(known, robot.now)
-    assert pose(robot.at(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
+    robot.give(known)
+    assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
 def test_who_comes_late_and_is_told_nothing_begins_by_itself() -> None:
     robot = Robot(x=5.0)
     robot.number = YOUNG_CYCLES
     for _ in range(TOLD_CYCLES):
-        robot.at(1.0, 0, 0)
-    assert pose(robot.at(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
+        robot.moved(1.0, 0, 0)
+    assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
 def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is() -> None:
     robot = Robot(x=1.0)
     cycles = 4 * AGAIN_CYCLES
     for number in range(cycles):
-        robot.at(0.01 * number, 0.0, 0.0)
-    said = [message for message in robot.said if isinstance(message, Origin)]
+        robot.moved(0.01 * number, 0.0, 0.0)
+    said = [message for message in robot.published if isinstance(message, Origin)]
     assert len(said) == 1 + cycles // AGAIN_CYCLES
     assert [origin.counter for origin in said] == sorted({origin.counter for origin in said})
     assert {(origin.x, origin.y, origin.theta, origin.by) for origin in said} == {
@@ -261,13 +255,13 @@ def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is()
 def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -> None:
     old, young = Robot(x=1.0), Robot(x=50.0)
     for _ in range(3 * AGAIN_CYCLES):
-        old.at(0.0, 0.0, 0.0)
-    young.at(0.0, 0.0, 0.0)
+        old.moved(0.0, 0.0, 0.0)
+    young.moved(0.0, 0.0, 0.0)
     known = old.origin()
-    old.encoder.receive(young.origin(), old.now)
-    young.encoder.receive(known, young.now)
-    assert pose(old.at(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
-    assert pose(young.at(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    old.give(young.origin())
+    young.give(known)
+    assert pose(old.moved(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    assert pose(young.moved(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
 
 
 # Corrections (thesis 3.4.1) -----------------------------------------------------------------------
@@ -279,7 +273,7 @@ def correct(
     robot: Robot, origin: Place, confidence: float = 1.0, covariance: tuple[float, ...] = SURE
 ) -> None:
     cycle = Cycle(robot.epoch, robot.number)
-    robot.encoder.receive(Correction(cycle, *origin, covariance, confidence), robot.now)
+    robot.give(Correction(cycle, *origin, covariance, confidence))
 
 
 @given(st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-0.4, 0.4))
@@ -287,13 +281,13 @@ def test_a_correction_moves_the_pose_by_steps_and_gets_there(
     x: float, y: float, theta: float
 ) -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
-    before = pose(robot.at(2.0, 1.0, 0.3))
+    robot.moved(0.0, 0.0, 0.0)
+    before = pose(robot.moved(2.0, 1.0, 0.3))
     there = compose((x, y, theta), (2.0, 1.0, 0.3))
     assume(hypot(there[0] - 2.0, there[1] - 1.0) < LEAP_M)
     correct(robot, (x, y, theta))
     for _ in range(60):
-        now = pose(robot.at(2.0, 1.0, 0.3))
+        now = pose(robot.moved(2.0, 1.0, 0.3))
         assert abs(now[0] - before[0]) <= CREEP_M + 1e-9
         assert abs(now[1] - before[1]) <= CREEP_M + 1e-9
         assert abs(now[2] - before[2]) <= CREEP_RAD + 1e-9
@@ -303,17 +297,17 @@ def test_a_correction_moves_the_pose_by_steps_and_gets_there(
 
 def test_a_pose_that_is_wrong_altogether_is_corrected_at_once_and_said() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
-    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
-    assert any(isinstance(said, Log) and "5.00 m" in said.text for said in robot.said)
+    assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
+    assert any(isinstance(said, Log) and "5.00 m" in said.text for said in robot.published)
 
 
 def test_a_guess_without_confidence_moves_nothing_and_is_no_secret() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0), confidence=0.0)
-    found = robot.at(0.0, 0.0, 0.0)
+    found = robot.moved(0.0, 0.0, 0.0)
     assert pose(found) == (0.0, 0.0, 0.0)
     assert found.covariance == SURE
 
@@ -327,121 +321,121 @@ def test_a_correction_that_cannot_be_true_is_none(
 ) -> None:
     """A negative variance is no certainty, and 400 km away there is no room to drive in."""
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, origin, covariance=covariance)
-    found = robot.at(0.0, 0.0, 0.0)
+    found = robot.moved(0.0, 0.0, 0.0)
     assert (*pose(found), found.covariance) == (0.0, 0.0, 0.0, ())
 
 
 def test_a_correction_of_another_epoch_moves_nothing() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
     robot.restart()
-    assert pose(robot.at(0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    assert pose(robot.moved(0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
 
 
 def test_without_corrections_nobody_knows_how_far_off_it_is_and_after_one_it_grows() -> None:
     robot = Robot()
-    assert robot.at(0.0, 0.0, 0.0).covariance == ()
-    assert robot.at(0.0, 0.0, 0.0).deviation == 0.0
+    assert robot.moved(0.0, 0.0, 0.0).covariance == ()
+    assert robot.moved(0.0, 0.0, 0.0).deviation == 0.0
     correct(robot, (0.0, 0.0, 0.0))
-    first = robot.at(0.0, 0.0, 0.0).deviation
+    first = robot.moved(0.0, 0.0, 0.0).deviation
     assert first == pytest.approx(0.02**0.5)
-    assert robot.at(1.0, 0.0, 0.0).deviation > first
+    assert robot.moved(1.0, 0.0, 0.0).deviation > first
 
 
 def test_what_was_corrected_outlives_the_encoder_agent() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
     for _ in range(AGAIN_CYCLES + 1):
-        robot.at(0.0, 0.0, 0.0)
+        robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
-    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
+    assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
 
 
 def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_since() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0), confidence=0.0)
     for _ in range(AGAIN_CYCLES + 1):
-        found = robot.at(0.0, 0.0, 0.0)
+        found = robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
-    assert robot.at(0.0, 0.0, 0.0).covariance == found.covariance
+    assert robot.moved(0.0, 0.0, 0.0).covariance == found.covariance
     robot.restart_encoder()
-    assert robot.at(1.0, 0.0, 0.0).deviation > found.deviation
+    assert robot.moved(1.0, 0.0, 0.0).deviation > found.deviation
 
 
 @pytest.mark.parametrize(("at", "off"), [(0.0, 0.5), (2.0, 0.0)])
 def test_what_a_controller_that_begins_anew_has_not_counted_is_said(at: float, off: float) -> None:
     robot = Robot()
-    robot.at(2.0, 0.0, 0.0)
+    robot.moved(2.0, 0.0, 0.0)
     correct(robot, (0.0, 0.0, 0.0))
-    before = robot.at(2.0, 0.0, 0.0)
+    before = robot.moved(2.0, 0.0, 0.0)
     robot.restart()
-    found = robot.at(at, 0.0, 0.0)
+    found = robot.moved(at, 0.0, 0.0)
     assert found.deviation**2 == pytest.approx(before.deviation**2 + 2.0 * off**2)
     assert found.heading_deviation**2 == pytest.approx(before.heading_deviation**2 + off**2)
 
 
 def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (0.4, 0.0, 0.0))
-    robot.said.clear()
+    robot.published.clear()
     for _ in range(2 * AGAIN_CYCLES):
-        robot.at(0.0, 0.0, 0.0)
-    assert sum(isinstance(message, Origin) for message in robot.said) == 2
+        robot.moved(0.0, 0.0, 0.0)
+    assert sum(isinstance(message, Origin) for message in robot.published) == 2
 
 
 @pytest.mark.parametrize("x", [0.1, 5.0])
 def test_an_encoder_agent_that_restarts_remembers_a_loss_or_a_leap_of_just_now(x: float) -> None:
     """Both were forgotten for up to a second: the localization agent then began at a wrong pose."""
     robot = Robot()
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     correct(robot, (0.0, 0.0, 0.0))
-    robot.at(0.0, 0.0, 0.0)
+    robot.moved(0.0, 0.0, 0.0)
     if x > LEAP_M:
         correct(robot, (x, 0.0, 0.0))
     else:
         correct(robot, (0.0, 0.0, 0.0), confidence=0.0, covariance=(2.0, 0, 0, 2.0, 0, 1.0))
-    before = robot.at(0.0, 0.0, 0.0)
+    before = robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
-    after = robot.at(0.0, 0.0, 0.0)
+    after = robot.moved(0.0, 0.0, 0.0)
     assert pose(after) == pytest.approx(pose(before))
     assert after.covariance == pytest.approx(before.covariance)
 
 
 def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
     robot = Robot(1.0, 2.0)
-    robot.at(0.5, 0.0, 0.0)
+    robot.moved(0.5, 0.0, 0.0)
     wrong = Correction(Cycle(1, 2), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
     correct(robot, (1.0, 2.0, 0.0))
-    robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
-    pose = robot.at(0.5, 0.0, 0.0)
+    robot.give(InitialPose(7.0, 3.0, pi / 2))
+    pose = robot.moved(0.5, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.0, pi / 2))
     assert not pose.covariance, "of the pose before"
-    robot.encoder.receive(wrong, robot.now)  # it was under way already
-    pose = robot.at(0.6, 0.0, 0.0)
+    robot.give(wrong)  # it was under way already
+    pose = robot.moved(0.6, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.1, pi / 2))
     assert robot.origin().counter > 1
 
 
 def test_a_robot_that_drives_stays_where_it_is_whatever_people_said_before() -> None:
     robot = Robot(1.0, 2.0)
-    robot.at(0.5, 0.0, 0.0, v=0.4)
-    robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
-    pose = robot.at(0.5, 0.0, 0.0)
+    robot.moved(0.5, 0.0, 0.0, v=0.4)
+    robot.give(InitialPose(7.0, 3.0, pi / 2))
+    pose = robot.moved(0.5, 0.0, 0.0)
     assert (pose.x, pose.y) == pytest.approx((1.0, 2.0))
 
 
 def test_a_correction_from_before_people_said_where_it_stands_changes_nothing() -> None:
     robot = Robot(1.0, 2.0)
     for _ in range(5):
-        robot.at(0.5, 0.0, 0.0)
-    robot.encoder.receive(InitialPose(7.0, 3.0, pi / 2), robot.now)
+        robot.moved(0.5, 0.0, 0.0)
+    robot.give(InitialPose(7.0, 3.0, pi / 2))
     late = Correction(Cycle(1, 3), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
-    robot.encoder.receive(late, robot.now)
-    pose = robot.at(0.5, 0.0, 0.0)
+    robot.give(late)
+    pose = robot.moved(0.5, 0.0, 0.0)
     assert (pose.x, pose.y) == pytest.approx((7.0, 3.0))

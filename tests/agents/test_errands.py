@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.missions.errands import Stage
 from armadico.config.scenarios import load_scenario
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import Claim, Point, RobotState, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.driven import Ordered, Stage
 from armadico.mobile.messages import (
+    MissionReply,
     MissionRequest,
     MissionState,
     MissionStatus,
@@ -227,3 +228,12 @@ def test_up_to_ends_at_a_place_on_the_way_and_looks_along_it() -> None:
     assert route.up_to(2.0, 0.5)[-1].theta == pytest.approx(1.5708, abs=1e-3)
     assert route.up_to(1.0, 1.0) == ()
     assert route.off(1.0, 1.0) == pytest.approx(1.0)
+
+
+def test_an_order_that_is_withdrawn_before_its_answer_comes_is_not_the_next_one() -> None:
+    order = Ordered()
+    order.ask(0.0)
+    order.drop()
+    assert order.pending, "the next one waits until the robot is not sent off twice"
+    assert not order.answered(MissionReply(7, length=3.0), 0.5)
+    assert (order.stage, order.mission, order.own) == (Stage.NONE, 0, {7})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,8 +19,8 @@ from armadico.agents.missions.messages import (
     ExploreStatus,
 )
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
-from armadico.core.messages import Cycle
+from armadico.core.agent import Identity
+from armadico.core.messages import Cycle, Message
 from armadico.mobile.messages import (
     BatteryLevel,
     MissionReply,
@@ -29,6 +31,7 @@ from armadico.mobile.messages import (
     Pose,
     Waypoint,
 )
+from armadico.testing import Alone
 
 TRIES = (Margins(0.3), Margins(0.25))
 WIDE = (-100.0, -100.0, 100.0, 100.0)
@@ -113,72 +116,55 @@ def test_a_way_is_crossed_by_what_was_seen_on_it() -> None:
 # The agent ----------------------------------------------------------------------------------------
 
 
-class Desk:
+class Desk(Alone):
     """An explore agent; a mapping and an interface agent that say what they are told to."""
 
     def __init__(self, cells: Cells | None = None) -> None:
-        self.agent = Explore(Identity("explore-1"), Parameters(tries=2))
+        super().__init__(Explore(Identity("explore-1"), Parameters(tries=2)), robot=None)
         self.agent.start(0.0)
-        self.now, self.number, self.mission = 0.0, 0, 0
-        self.asked: list[MissionRequest] = []
-        self.replies: list[MissionReply] = []
-        self.said: list[ExploreStatus] = []
-        self.refusal = ""
-        self.at(1.0, 1.0)
+        self.mission, self.refusal = 0, ""
+        self.moved(1.0, 1.0)
         if cells is not None:
             self.map(cells)
 
-    def at(self, x: float, y: float, after: float = 0.1) -> None:
-        self.now += after
-        self.number += max(1, round(after / 0.1))
-        cycle = Cycle(1, self.number)
-        self.agent.cycles.advance(cycle, self.now)
-        self.agent.receive(Pose(cycle, x, y, 0.0), self.now)
-        self.take()
+    def moved(self, x: float, y: float, after: float = 0.1) -> None:
+        self.state(cycles=round(after / 0.1))
+        self.give(Pose(self.at, x, y, 0.0))
 
     def map(self, cells: Cells) -> None:
-        self.agent.receive(message_of(cells), self.now)
-        self.take()
+        self.give(message_of(cells))
 
     def status(self, state: MissionState, to_go: float = 1.0, mission: int | None = None) -> None:
-        number = self.mission if mission is None else mission
-        self.agent.receive(MissionStatus(number, state, to_go), self.now)
-        self.take()
+        self.give(MissionStatus(self.mission if mission is None else mission, state, to_go))
 
-    def wake(self) -> None:
+    def tick(self) -> None:
         self.agent.on_wakeup()
-        self.take()
+        self.collect()
 
     def charge(self, state: ChargeState, share: float = 0.5) -> None:
-        cycle = Cycle(1, self.number)
-        self.agent.receive(BatteryLevel(cycle, 12.0, share, 1e5), self.now)
-        self.agent.receive(ChargeStatus(cycle, state), self.now)
-        self.take()
+        self.give(BatteryLevel(self.at, 12.0, share, 1e5), ChargeStatus(self.at, state))
 
-    def begin(self, **more: object) -> MissionReply:
-        self.agent.asked(Question(1, ExploreRequest(-1.0, -1.0, 9.0, 3.0, **more)), self.now)
-        self.take()
-        return self.replies[-1]
+    def begin(self, **more: Any) -> MissionReply:
+        reply = self.query(ExploreRequest(-1.0, -1.0, 9.0, 3.0, **more))
+        assert isinstance(reply, MissionReply)
+        return reply
 
     @property
-    def state(self) -> ExploreState:
-        return self.said[-1].state
+    def exploring(self) -> ExploreStatus:
+        return self.last(ExploreStatus)
 
-    def take(self) -> None:
-        out, self.agent.outbox = self.agent.outbox, []
-        for item in out:
-            if isinstance(item, Publish) and isinstance(item.message, ExploreStatus):
-                self.said.append(item.message)
-            elif isinstance(item, Answer):
-                assert isinstance(item.message, MissionReply)
-                self.replies.append(item.message)
-            elif isinstance(item, AskFor):
-                assert isinstance(item.request, MissionRequest)
-                self.asked.append(item.request)
-                self.mission += 1
-                reply = MissionReply(0 if self.refusal else self.mission, self.refusal, length=3.0)
-                self.agent.replied(item.id, reply, self.now)
-                self.take()
+    @property
+    def sent(self) -> list[MissionRequest]:
+        return [each.request for each in self.asked if isinstance(each.request, MissionRequest)]
+
+    def collect(self) -> list[Message]:
+        """Each of its missions is taken on, or refused."""
+        found = super().collect()
+        if self.waits:
+            self.mission += 1
+            number = 0 if self.refusal else self.mission
+            found += self.reply(MissionReply(number, self.refusal, length=3.0))
+        return found
 
 
 def test_without_a_map_or_a_pose_nothing_begins() -> None:
@@ -190,7 +176,7 @@ def test_without_a_map_or_a_pose_nothing_begins() -> None:
 
 def test_a_robot_outside_of_what_is_to_be_explored_does_not_begin() -> None:
     desk = Desk(hall())
-    desk.at(20.0, 0.0)
+    desk.moved(20.0, 0.0)
     assert "not in the rectangle" in desk.begin().refusal
 
 
@@ -198,38 +184,38 @@ def test_it_sends_the_robot_to_a_frontier_and_on_once_that_is_known() -> None:
     desk = Desk(hall())
     assert desk.begin().mission
     desk.map(hall())
-    (first,) = desk.asked
+    (first,) = desk.sent
     assert not first.planned
     assert first.goal.x == pytest.approx(3.95, abs=0.15)
     desk.map(hall())
-    assert len(desk.asked) == 1
+    assert len(desk.sent) == 1
     desk.map(hall(6.0))
-    assert desk.asked[-1].goal.x == pytest.approx(5.95, abs=0.15)
+    assert desk.sent[-1].goal.x == pytest.approx(5.95, abs=0.15)
 
 
 def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:
     desk = Desk(hall())
-    desk.begin(home=Waypoint(1.0, 1.0, 0.5))
+    begun = desk.begin(home=Waypoint(1.0, 1.0, 0.5))
     desk.map(hall())
-    desk.at(3.5, 1.0)
+    desk.moved(3.5, 1.0)
     desk.map(hall(end=OCCUPIED))
-    assert desk.state is ExploreState.RETURNING
-    assert desk.asked[-1].goal == Waypoint(1.0, 1.0, 0.5)
+    assert desk.exploring.state is ExploreState.RETURNING
+    assert desk.sent[-1].goal == Waypoint(1.0, 1.0, 0.5)
     desk.status(MissionState.DRIVING)
     desk.status(MissionState.REACHED, 0.0)
-    assert desk.state is ExploreState.DONE
-    assert desk.said[-1].exploration == desk.replies[-1].mission
-    assert not desk.said[-1].given_up
+    assert desk.exploring.state is ExploreState.DONE
+    assert desk.exploring.exploration == begun.mission
+    assert not desk.exploring.given_up
 
 
 def test_a_way_that_turns_out_to_be_shut_is_planned_anew() -> None:
     desk = Desk(hall())
     desk.begin()
     desk.map(hall())
-    y = desk.asked[-1].goal.y
+    y = desk.sent[-1].goal.y
     desk.map(box(hall(), 2.0, y - 0.1, 2.1, y + 0.1, OCCUPIED))
-    assert len(desk.asked) == 2
-    assert desk.asked[-1].waypoints  # round it
+    assert len(desk.sent) == 2
+    assert desk.sent[-1].waypoints  # round it
 
 
 def test_a_place_that_it_does_not_come_nearer_to_is_tried_once_more_and_then_told() -> None:
@@ -237,18 +223,18 @@ def test_a_place_that_it_does_not_come_nearer_to_is_tried_once_more_and_then_tol
     desk.begin()
     for _ in range(40):
         desk.map(hall())
-        if desk.state is ExploreState.RETURNING:
+        if desk.exploring.state is ExploreState.RETURNING:
             break
         desk.status(MissionState.DRIVING, 2.9)
         for _ in range(20):
-            desk.at(1.0, 1.0, 1.0)
+            desk.moved(1.0, 1.0, 1.0)
         desk.map(hall())
-        desk.wake()
-    assert desk.state is ExploreState.RETURNING
+        desk.tick()
+    assert desk.exploring.state is ExploreState.RETURNING
     desk.status(MissionState.REACHED)
-    assert desk.state is ExploreState.FAILED
-    assert "could not be reached" in desk.said[-1].note
-    assert desk.said[-1].given_up
+    assert desk.exploring.state is ExploreState.FAILED
+    assert "could not be reached" in desk.exploring.note
+    assert desk.exploring.given_up
 
 
 def test_coming_nearer_is_progress_and_so_is_a_stop() -> None:
@@ -256,12 +242,12 @@ def test_coming_nearer_is_progress_and_so_is_a_stop() -> None:
     desk.begin()
     desk.map(hall())
     for step in range(5):
-        desk.at(1.0, 1.0, 10.0)
+        desk.moved(1.0, 1.0, 10.0)
         desk.map(hall())
         desk.status(MissionState.DRIVING, 2.5 - 0.3 * step)
-        desk.wake()
-    assert len(desk.asked) == 1
-    assert not desk.said[-1].given_up
+        desk.tick()
+    assert len(desk.sent) == 1
+    assert not desk.exploring.given_up
 
 
 def test_whoever_sends_the_robot_elsewhere_ends_it() -> None:
@@ -270,10 +256,10 @@ def test_whoever_sends_the_robot_elsewhere_ends_it() -> None:
     desk.map(hall())
     desk.map(hall(6.0))
     desk.status(MissionState.DRIVING, mission=1)  # late, of its own first
-    assert desk.state is ExploreState.EXPLORING
+    assert desk.exploring.state is ExploreState.EXPLORING
     desk.status(MissionState.DRIVING, mission=77)
-    assert desk.state is ExploreState.FAILED
-    assert "elsewhere" in desk.said[-1].note
+    assert desk.exploring.state is ExploreState.FAILED
+    assert "elsewhere" in desk.exploring.note
 
 
 def test_it_goes_on_once_the_robot_is_charged() -> None:
@@ -285,20 +271,20 @@ def test_it_goes_on_once_the_robot_is_charged() -> None:
         desk.charge(state)
         desk.status(MissionState.DRIVING, mission=77)
         for _ in range(3):
-            desk.at(1.0, 1.0, 10.0)  # no nearer, for long
-            desk.wake()
+            desk.moved(1.0, 1.0, 10.0)  # no nearer, for long
+            desk.tick()
             desk.map(hall())
-    assert desk.state is ExploreState.EXPLORING
-    assert len(desk.asked) == 1
-    desk.at(1.0, 1.0)
+    assert desk.exploring.state is ExploreState.EXPLORING
+    assert len(desk.sent) == 1
+    desk.moved(1.0, 1.0)
     desk.charge(ChargeState.CHARGING, share=0.85)
-    desk.wake()
+    desk.tick()
     desk.map(hall())
-    assert len(desk.asked) == 2
+    assert len(desk.sent) == 2
     desk.status(MissionState.DRIVING, mission=1)  # late, of its own first
     desk.charge(ChargeState.NONE)
     desk.status(MissionState.DRIVING, mission=78)  # and this is nobody's charging
-    assert desk.state is ExploreState.FAILED
+    assert desk.exploring.state is ExploreState.FAILED
 
 
 def test_a_charger_that_gives_up_leaves_it_the_robot() -> None:
@@ -308,11 +294,11 @@ def test_a_charger_that_gives_up_leaves_it_the_robot() -> None:
     desk.charge(ChargeState.TO_DOCK)
     desk.status(MissionState.DRIVING, mission=77)
     desk.map(hall())
-    assert len(desk.asked) == 1
+    assert len(desk.sent) == 1
     desk.charge(ChargeState.NONE)
-    desk.wake()
+    desk.tick()
     desk.map(hall())
-    assert len(desk.asked) == 2
+    assert len(desk.sent) == 2
 
 
 def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
@@ -321,19 +307,19 @@ def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
     desk.begin()
     desk.map(hall())
     desk.map(hall())
-    assert desk.state is ExploreState.FAILED
-    assert "refused: no" in desk.said[-1].note
+    assert desk.exploring.state is ExploreState.FAILED
+    assert "refused: no" in desk.exploring.note
     desk = Desk(hall())
     desk.begin()
     desk.map(hall())
-    desk.at(1.0, 1.0, 20.0)
-    desk.wake()
-    assert "no map for 15 s" in desk.said[-1].note
+    desk.moved(1.0, 1.0, 20.0)
+    desk.tick()
+    assert "no map for 15 s" in desk.exploring.note
 
 
 def test_what_is_no_map_is_left_out() -> None:
     desk = Desk(hall())
     desk.begin()
-    desk.agent.receive(OccupancyGrid(0.0, 0.0, 0.05, 9, 9, b"no"), desk.now)
+    desk.give(OccupancyGrid(0.0, 0.0, 0.05, 9, 9, b"no"))
     desk.map(hall())
-    assert len(desk.asked) == 1
+    assert len(desk.sent) == 1

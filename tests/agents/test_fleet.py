@@ -61,8 +61,7 @@ def once(band: Band, count: int) -> bool:
 def held_at_30_s(band: Band, name: str) -> set[int]:
     """The tasks that a robot has taken on by then."""
     band.mesh.run(30.0)
-    sharing = band.fleet(name).sharing
-    assert sharing is not None
+    sharing = band.sharing(name)
     held = set(sharing.mine)
     assert held
     return held
@@ -104,8 +103,7 @@ def test_a_robot_that_can_do_nothing_gives_its_tasks_back_while_its_fleet_agent_
     held = held_at_30_s(band, "f/r2")
     band.puppet("f/r2").dumb = True
     band.mesh.run(38.0)
-    sharing = band.fleet("f/r2").sharing
-    assert sharing is not None
+    sharing = band.sharing("f/r2")
     assert not sharing.mine
     done_without(band, "r2", held)
 
@@ -170,17 +168,16 @@ def test_a_list_may_take_the_place_of_one_that_is_worked_on_and_that_is_not_brou
     (reply,) = replies
     assert isinstance(reply, FleetReply)
     assert not reply.refusal
-    shares = [band.fleet(name).sharing for name in (*rest, *away)]
-    assert [None if one is None else one.tasks for one in shares] == [2, 2, 9]
-    assert not any(one.open for one in shares[:2] if one is not None)
-    assert shares[2] is not None
+    shares = [band.sharing(name) for name in (*rest, *away)]
+    assert [one.tasks for one in shares] == [2, 2, 9]
+    assert not any(one.open for one in shares[:2])
     old = FleetTasks(shares[2].clock.epoch, 0, band.tasks)
     band.mesh.publish(old, namespace="f/r1")  # as the one that is away would give it
     band.mesh.run(band.mesh.now + 1.0)
-    assert [s.tasks for name in rest if (s := band.fleet(name).sharing)] == [2, 2]
+    assert [band.sharing(name).tasks for name in rest] == [2, 2]
     band.heal(away, rest)
     band.mesh.run(band.mesh.now + 10.0)
-    assert [s.tasks for name in band.names if (s := band.fleet(name).sharing)] == [2, 2, 2]
+    assert [band.sharing(name).tasks for name in band.names] == [2, 2, 2]
     assert band.over
 
 
@@ -204,14 +201,13 @@ def test_two_fleets_with_one_name_are_told_apart() -> None:
     assert not said
     assert any("two fleets are named 'f'" in text for texts in heard for text in texts)
     for name in sides[0]:
-        sharing = one.fleet(name).sharing
-        assert sharing is None or sharing.tasks == 8
+        assert one.sharing(name).tasks == 8
     assert one.run(600.0)
     assert other.run(600.0)
-    lists = {one.fleet(name)._list.id for name in sides[0]}  # type: ignore[union-attr]
+    lists = {one.sharing(name).clock.epoch for name in sides[0]}
     assert one.reply is not None
     assert other.reply is not None
-    finished = {*one.fleet("f/r1")._finished, *other.fleet("f/r5")._finished}
+    finished = {*one.fleet("f/r1")._over, *other.fleet("f/r5")._over}
     assert lists <= {one.reply.list, other.reply.list}
     assert {one.reply.list, other.reply.list} <= finished, "nothing of either is lost"
 
@@ -223,7 +219,7 @@ def test_fleets_of_different_names_hear_nothing_of_each_other() -> None:
     mesh.run(JOINED_S)
     one.give("lab/r1")
     assert one.run(300.0)
-    assert other.fleet("yard/r1").sharing is None
+    assert other.fleet("yard/r1").work is None
 
 
 def test_a_task_to_which_one_robot_has_no_way_is_anothers() -> None:
@@ -276,8 +272,7 @@ def test_a_robot_that_is_stopped_gives_its_tasks_back_and_takes_some_again() -> 
     band.mesh.run(20.0)
     band.mesh.publish(Stop(1, True, "tester", 1), namespace="f/r1")
     band.mesh.run(24.0)
-    sharing = band.fleet("f/r1").sharing
-    assert sharing is not None
+    sharing = band.sharing("f/r1")
     assert not sharing.mine
     band.mesh.publish(Stop(2, False, "tester", 1), namespace="f/r1")
     band.mesh.run(27.0)
@@ -287,8 +282,7 @@ def test_a_robot_that_is_stopped_gives_its_tasks_back_and_takes_some_again() -> 
 def test_a_robot_that_somebody_sends_elsewhere_gives_its_tasks_back() -> None:
     band = at_work(2)
     band.mesh.run(20.0)
-    sharing = band.fleet("f/r1").sharing
-    assert sharing is not None
+    sharing = band.sharing("f/r1")
     away = MissionRequest(Waypoint(30.0, 30.0, 0.0))
     band.mesh.ask(away, lambda _: None, namespace="f/r1")
     band.mesh.run(24.0)

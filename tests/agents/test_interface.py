@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import pytest
 
 from armadico.agents.missions.interface import Interface, Parameters
 from armadico.agents.teleop.messages import TeleopStatus
-from armadico.core.agent import WARNING, Answer, AskFor, Identity, Publish, Question
+from armadico.core.agent import WARNING, Identity
 from armadico.core.messages import (
     LARGEST_COUNT,
     Cycle,
@@ -32,7 +34,7 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico.testing.alone import covariance
+from armadico.testing import Alone, covariance
 from tests.framework.robots import described
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
@@ -41,36 +43,21 @@ PLAN = Plan((DOOR, GOAL), 3.2, 40.0)
 AT_REST, ROLLING = (0.0, 0.0), (0.1, 0.0)
 
 
-class Desk:
+class Desk(Alone):
     """An interface agent, and whoever asks it for something."""
 
     def __init__(self, *, begun: bool = True, parameters: Parameters | None = None) -> None:
-        self.agent = Interface(Identity("interface-1"), parameters)
+        super().__init__(Interface(Identity("interface-1"), parameters), robot=None)
         if begun:
             self.agent.start(0.0)
-        self.number = 0
         self.hand = ""  # on the stick
         self.questions = 0
-        self.said: list[object] = []
-        self.asked: list[AskFor] = []
-        self.replies: dict[int, MissionReply] = {}
 
     @property
-    def now(self) -> float:
-        return self.agent.now
+    def replies(self) -> dict[int, MissionReply]:
+        return cast("dict[int, MissionReply]", self.answers)
 
-    def take(self) -> None:
-        for item in self.agent.outbox:
-            if isinstance(item, Publish):
-                self.said.append(item.message)
-            elif isinstance(item, AskFor):
-                self.asked.append(item)
-            elif isinstance(item, Answer):
-                assert isinstance(item.message, MissionReply)
-                self.replies[item.id] = item.message
-        self.agent.outbox.clear()
-
-    def at(
+    def moved(
         self,
         x: float,
         y: float = 0.0,
@@ -79,42 +66,23 @@ class Desk:
         off_m: float = 0.0,
     ) -> None:
         """A cycle later the robot is there, by a pose that may be so far off."""
-        self.number += 1
-        now, cycle = self.now + 0.1, Cycle(1, self.number)
-        self.agent.receive(RobotState(cycle, 0, 0, 0, *speed, 12, True, False), now)
-        self.agent.receive(TeleopStatus(cycle, self.hand), now)
-        self.agent.receive(Pose(cycle, x, y, theta, covariance(off_m)), now)
+        self.speed = speed
+        self.state()
+        here = Pose(self.at, x, y, theta, covariance(off_m))
+        self.give(TeleopStatus(self.at, self.hand), here)
         self.wake()
-
-    def wake(self) -> None:
-        due = self.agent.wakeup
-        if due is not None and self.now >= due:
-            self.agent.wake(self.now)
-        self.take()
 
     def request(self, request: MissionRequest) -> int:
         self.questions += 1
-        self.agent.asked(Question(self.questions, request), self.now)
-        self.take()
+        self.query(request, self.questions)
         return self.questions
-
-    def planned(self, plan: Plan | None) -> None:
-        self.agent.replied(self.asked[-1].id, plan, self.now)
-        self.take()
-
-    def trajectories(self) -> list[Trajectory]:
-        return [message for message in self.said if isinstance(message, Trajectory)]
-
-    def status(self) -> MissionStatus:
-        found = [message for message in self.said if isinstance(message, MissionStatus)]
-        return found[-1]
 
 
 @pytest.fixture
 def desk() -> Desk:
     """The robot stands at the origin."""
     desk = Desk()
-    desk.at(0.0)
+    desk.moved(0.0)
     return desk
 
 
@@ -144,7 +112,7 @@ def test_over_given_waypoints_it_begins_at_once(desk: Desk) -> None:
     reply = desk.replies[asked]
     assert (reply.refusal, reply.waypoints) == ("", (DOOR, GOAL))
     assert reply.length == pytest.approx(3.0)
-    assert desk.trajectories()[-1] == Trajectory(1, reply.mission, (DOOR, GOAL), Point(0.0, 0.0), 0)
+    assert desk.last(Trajectory) == Trajectory(1, reply.mission, (DOOR, GOAL), Point(0.0, 0.0), 0)
     assert desk.asked == []
 
 
@@ -153,10 +121,10 @@ def test_a_planned_mission_begins_with_the_plan(desk: Desk) -> None:
     assert desk.asked[-1].request == PlanRequest(Waypoint(0.0, 0.0, 0.0), GOAL)
     assert desk.asked[-1].timeout == Parameters().planning_s
     assert desk.replies == {}
-    desk.planned(PLAN)
+    desk.reply(PLAN)
     reply = desk.replies[asked]
     assert (reply.waypoints, reply.length) == ((DOOR, GOAL), 3.2)
-    assert desk.trajectories()[-1].waypoints == (DOOR, GOAL)
+    assert desk.last(Trajectory).waypoints == (DOOR, GOAL)
 
 
 @pytest.mark.parametrize(
@@ -168,43 +136,43 @@ def test_a_planned_mission_begins_with_the_plan(desk: Desk) -> None:
 )
 def test_a_refusal_is_passed_on_and_nothing_moves(desk: Desk, plan: Plan | None, why: str) -> None:
     asked = desk.request(MissionRequest(GOAL))
-    desk.planned(plan)
+    desk.reply(plan)
     assert why in desk.replies[asked].refusal
-    assert not any(trajectory.waypoints for trajectory in desk.trajectories())
+    assert not any(trajectory.waypoints for trajectory in desk.all(Trajectory))
     for _ in range(12):
-        desk.at(0.0)
-    assert desk.status().state is MissionState.NONE
+        desk.moved(0.0)
+    assert desk.last(MissionStatus).state is MissionState.NONE
 
 
 def test_a_refused_mission_leaves_the_one_that_is_driven_as_it_was(driving: Desk) -> None:
-    before = driving.trajectories()[-1]
+    before = driving.last(Trajectory)
     driving.request(MissionRequest(Waypoint(99.0, 0.0, 0.0)))
-    driving.planned(Plan((), refusal="off the world"))
+    driving.reply(Plan((), refusal="off the world"))
     for _ in range(12):
-        driving.at(0.5)
-    assert driving.status().state is MissionState.DRIVING
-    assert driving.trajectories()[-1].mission == before.mission
-    assert driving.trajectories()[-1].waypoints == before.waypoints
+        driving.moved(0.5)
+    assert driving.last(MissionStatus).state is MissionState.DRIVING
+    assert driving.last(Trajectory).mission == before.mission
+    assert driving.last(Trajectory).waypoints == before.waypoints
 
 
 def test_another_mission_takes_the_place_of_the_one_before(driving: Desk) -> None:
-    first = driving.trajectories()[-1]
+    first = driving.last(Trajectory)
     driving.request(MissionRequest(DOOR, planned=False))
-    second = driving.trajectories()[-1]
+    second = driving.last(Trajectory)
     assert second.mission != first.mission
     assert second.waypoints == (DOOR,)
 
 
 def test_progress_is_reported_along_the_waypoints(driving: Desk) -> None:
-    driving.at(0.5)
-    driving.at(0.5)
-    status = driving.status()
+    driving.moved(0.5)
+    driving.moved(0.5)
+    status = driving.last(MissionStatus)
     assert (status.state, status.leg) == (MissionState.DRIVING, 0)
     assert status.to_go == pytest.approx(2.5)
-    driving.at(1.1)
-    driving.at(1.1)
-    assert driving.status().leg == 1
-    assert driving.status().to_go == pytest.approx(1.9)
+    driving.moved(1.1)
+    driving.moved(1.1)
+    assert driving.last(MissionStatus).leg == 1
+    assert driving.last(MissionStatus).to_go == pytest.approx(1.9)
 
 
 @pytest.mark.parametrize(
@@ -222,50 +190,50 @@ def test_progress_is_reported_along_the_waypoints(driving: Desk) -> None:
 def test_reached_is_near_turned_and_at_rest(
     driving: Desk, pose: tuple[float, float, float], speed: tuple[float, float], state: MissionState
 ) -> None:
-    driving.at(1.0)
-    driving.at(*pose, speed=speed)
-    driving.at(*pose, speed=speed)
-    assert driving.status().state is state
+    driving.moved(1.0)
+    driving.moved(*pose, speed=speed)
+    driving.moved(*pose, speed=speed)
+    assert driving.last(MissionStatus).state is state
 
 
 def test_the_goal_passed_on_the_way_is_not_yet_reached(desk: Desk) -> None:
     home = Waypoint(0.0, 0.0, 0.0)
     desk.request(MissionRequest(home, (GOAL,), planned=False))
-    desk.at(0.0)
-    desk.at(0.0)
-    assert desk.status().state is MissionState.DRIVING
+    desk.moved(0.0)
+    desk.moved(0.0)
+    assert desk.last(MissionStatus).state is MissionState.DRIVING
 
 
 def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
-    mission = driving.trajectories()[-1].mission
-    driving.at(1.0)
-    driving.at(3.0)
-    assert driving.trajectories()[-1] == Trajectory(2, mission, (), Point(0.0, 0.0), 1)
-    said = len(driving.trajectories())
+    mission = driving.last(Trajectory).mission
+    driving.moved(1.0)
+    driving.moved(3.0)
+    assert driving.last(Trajectory) == Trajectory(2, mission, (), Point(0.0, 0.0), 1)
+    said = len(driving.all(Trajectory))
     for _ in range(30):
-        driving.at(3.0)
-    assert all(not t.waypoints for t in driving.trajectories()[said:])
-    assert driving.status().state is MissionState.REACHED
+        driving.moved(3.0)
+    assert all(not t.waypoints for t in driving.all(Trajectory)[said:])
+    assert driving.last(MissionStatus).state is MissionState.REACHED
 
 
 def test_who_gives_the_end_of_the_mission_back_does_not_undo_that_it_was_reached(
     driving: Desk,
 ) -> None:
-    driving.at(1.0)
-    driving.at(3.0)
-    driving.agent.receive(driving.trajectories()[-1], driving.agent.now)
+    driving.moved(1.0)
+    driving.moved(3.0)
+    driving.agent.receive(driving.last(Trajectory), driving.agent.now)
     for _ in range(12):
-        driving.at(3.0)
-    assert driving.status().state is MissionState.REACHED
+        driving.moved(3.0)
+    assert driving.last(MissionStatus).state is MissionState.REACHED
 
 
 def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
     driving: Desk,
 ) -> None:
-    said = len(driving.trajectories())
+    said = len(driving.all(Trajectory))
     for _ in range(31):
-        driving.at(1.2)
-    repeated = driving.trajectories()[said:]
+        driving.moved(1.2)
+    repeated = driving.all(Trajectory)[said:]
     assert len(repeated) == 3
     assert {(t.waypoints, t.start, t.leg) for t in repeated} == {((DOOR, GOAL), Point(0.0, 0.0), 1)}
 
@@ -275,28 +243,28 @@ def test_cut_off_while_waypoints_were_passed_it_still_knows_when_the_goal_is_rea
 ) -> None:
     over = (Waypoint(2.0, 0.0, 0.0), Waypoint(2.0, 2.0, 0.0), Waypoint(6.0, 2.0, 0.0))
     desk.request(MissionRequest(Waypoint(8.0, 2.0, 0.0), over, planned=False))
-    desk.at(1.0)
-    desk.at(4.0, 2.0)
-    desk.at(4.1, 2.0)
-    assert desk.status().leg == 2
+    desk.moved(1.0)
+    desk.moved(4.0, 2.0)
+    desk.moved(4.1, 2.0)
+    assert desk.last(MissionStatus).leg == 2
 
 
 def test_with_no_mission_it_says_so_each_second_and_names_no_trajectory(desk: Desk) -> None:
     """An empty trajectory would end a mission of which it has not been told yet."""
     for _ in range(25):
-        desk.at(0.0)
-    assert desk.status().state is MissionState.NONE
-    assert len([message for message in desk.said if isinstance(message, MissionStatus)]) == 2
-    assert desk.trajectories() == []
+        desk.moved(0.0)
+    assert desk.last(MissionStatus).state is MissionState.NONE
+    assert len([message for message in desk.published if isinstance(message, MissionStatus)]) == 2
+    assert desk.all(Trajectory) == []
 
 
 def test_each_mission_and_each_end_has_a_larger_counter(desk: Desk) -> None:
     for goal in (GOAL, DOOR):
         desk.request(MissionRequest(goal, planned=False))
-        desk.at(goal.x)
-        desk.at(goal.x)
-    assert [trajectory.counter for trajectory in desk.trajectories()] == [1, 2, 3, 4]
-    assert [bool(trajectory.waypoints) for trajectory in desk.trajectories()] == [1, 0, 1, 0]
+        desk.moved(goal.x)
+        desk.moved(goal.x)
+    assert [trajectory.counter for trajectory in desk.all(Trajectory)] == [1, 2, 3, 4]
+    assert [bool(trajectory.waypoints) for trajectory in desk.all(Trajectory)] == [1, 0, 1, 0]
 
 
 # What outlives it ---------------------------------------------------------------------------------
@@ -305,45 +273,48 @@ def test_each_mission_and_each_end_has_a_larger_counter(desk: Desk) -> None:
 def restarted(driving: Desk) -> Desk:
     """Another interface agent, that is given back what the others remember."""
     other = Desk(begun=False)
-    other.agent.remember(driving.trajectories()[-1], 0.1)
+    other.agent.remember(driving.last(Trajectory), 0.1)
     other.agent.start(0.1)
-    other.take()
+    other.collect()
     return other
 
 
 def test_one_that_starts_again_goes_on_with_the_mission(driving: Desk) -> None:
-    known = driving.trajectories()[-1]
+    known = driving.last(Trajectory)
     other = restarted(driving)
-    other.at(1.2)
-    other.at(1.2)
-    assert other.status().state is MissionState.DRIVING
-    assert (other.status().mission, other.status().leg) == (known.mission, 1)
-    assert all(trajectory.waypoints for trajectory in other.trajectories())
-    other.at(3.0)
-    assert other.status().state is MissionState.REACHED
-    assert other.trajectories()[-1] == Trajectory(
+    other.moved(1.2)
+    other.moved(1.2)
+    assert other.last(MissionStatus).state is MissionState.DRIVING
+    assert (other.last(MissionStatus).mission, other.last(MissionStatus).leg) == (known.mission, 1)
+    assert all(trajectory.waypoints for trajectory in other.all(Trajectory))
+    other.moved(3.0)
+    assert other.last(MissionStatus).state is MissionState.REACHED
+    assert other.last(Trajectory) == Trajectory(
         known.counter + 1, known.mission, (), Point(0.0, 0.0), 1
     )
 
 
 def test_one_that_starts_again_after_the_goal_begins_nothing(driving: Desk) -> None:
-    driving.at(1.0)
-    driving.at(3.0)
+    driving.moved(1.0)
+    driving.moved(3.0)
     other = restarted(driving)
     for _ in range(12):
-        other.at(3.0)
-    assert other.status().state is MissionState.NONE
-    assert not any(trajectory.waypoints for trajectory in other.trajectories())
+        other.moved(3.0)
+    assert other.last(MissionStatus).state is MissionState.NONE
+    assert not any(trajectory.waypoints for trajectory in other.all(Trajectory))
 
 
 def test_a_mission_that_it_is_told_late_goes_on_too(desk: Desk) -> None:
     told = Trajectory(7, 42, (DOOR, GOAL), Point(0.0, 0.0), 0)
     for _ in range(12):
-        desk.at(0.0)
-    desk.agent.receive(told, desk.now)
-    desk.at(0.5)
-    desk.at(0.5)
-    assert (desk.status().state, desk.status().mission) == (MissionState.DRIVING, 42)
+        desk.moved(0.0)
+    desk.give(told)
+    desk.moved(0.5)
+    desk.moved(0.5)
+    assert (desk.last(MissionStatus).state, desk.last(MissionStatus).mission) == (
+        MissionState.DRIVING,
+        42,
+    )
 
 
 def test_only_one_may_be_there() -> None:
@@ -363,7 +334,7 @@ def test_without_a_plan_no_goal_or_waypoint_is_out_of_reach(
 ) -> None:
     asked = desk.request(MissionRequest(goal, over, planned=False))
     assert "at most 200 m are driven without a plan" in desk.replies[asked].refusal
-    assert desk.trajectories() == []
+    assert desk.all(Trajectory) == []
 
 
 def test_each_waypoint_may_be_within_reach_of_the_one_before(desk: Desk) -> None:
@@ -378,16 +349,16 @@ LONG = tuple(Waypoint(0.01 * n, 0.0, 0.0) for n in range(1, WAYPOINTS))
 def test_as_many_points_as_can_be_said_are_driven(desk: Desk) -> None:
     asked = desk.request(MissionRequest(GOAL, LONG, planned=False))
     assert desk.replies[asked].refusal == ""
-    assert decode(encode(desk.trajectories()[-1]), Trajectory).waypoints == (*LONG, GOAL)
+    assert decode(encode(desk.last(Trajectory)), Trajectory).waypoints == (*LONG, GOAL)
 
 
 def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
     """With its goal it has a point more than a trajectory: it was taken on, and never said."""
     asked = desk.request(MissionRequest(GOAL, (*LONG, GOAL), planned=False))
     assert "it has 1,025 points, at most 1,024" in desk.replies[asked].refusal
-    assert desk.trajectories() == []
-    desk.at(0.0)
-    assert all(m.state is MissionState.NONE for m in desk.said if isinstance(m, MissionStatus))
+    assert desk.all(Trajectory) == []
+    desk.moved(0.0)
+    assert all(m.state is MissionState.NONE for m in desk.published if isinstance(m, MissionStatus))
 
 
 @pytest.mark.parametrize(
@@ -402,21 +373,21 @@ def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
 def test_a_plan_that_nobody_could_be_told_of_is_refused(
     driving: Desk, plan: Plan, why: str
 ) -> None:
-    before = driving.trajectories()
+    before = driving.all(Trajectory)
     asked = driving.request(MissionRequest(GOAL))
-    driving.planned(plan)
+    driving.reply(plan)
     assert why in driving.replies[asked].refusal
-    assert driving.trajectories() == before, "the mission before goes on"
-    driving.at(0.2)
-    driving.at(0.3)
-    assert driving.status().state is MissionState.DRIVING
+    assert driving.all(Trajectory) == before, "the mission before goes on"
+    driving.moved(0.2)
+    driving.moved(0.3)
+    assert driving.last(MissionStatus).state is MissionState.DRIVING
 
 
 def test_after_the_largest_counter_there_is_one_more_for_a_mission(desk: Desk) -> None:
     desk.agent.memory.note(Trajectory(LARGEST_COUNT, 1, ()))
     asked = desk.request(MissionRequest(GOAL, planned=False))
     assert not desk.replies[asked].refusal
-    assert desk.trajectories()[-1].counter == 0
+    assert desk.last(Trajectory).counter == 0
 
 
 def test_it_says_how_far_it_is_as_often_as_the_table_promises_with_nothing_to_do_too() -> None:
@@ -431,27 +402,27 @@ def test_it_says_how_far_it_is_as_often_as_the_table_promises_with_nothing_to_do
 
 def lost(desk: Desk, cycles: int = 3) -> None:
     for _ in range(cycles):
-        desk.at(0.0, off_m=1.0)
+        desk.moved(0.0, off_m=1.0)
 
 
 def test_a_planned_mission_of_a_lost_robot_waits_and_is_planned_anew_when_it_is_found(
     desk: Desk,
 ) -> None:
     desk.request(MissionRequest(GOAL))
-    desk.planned(PLAN)
-    mission = desk.trajectories()[-1].mission
+    desk.reply(PLAN)
+    mission = desk.last(Trajectory).mission
     lost(desk)
-    assert desk.status().state is MissionState.DRIVING
-    assert "lost" in desk.status().note
+    assert desk.last(MissionStatus).state is MissionState.DRIVING
+    assert "lost" in desk.last(MissionStatus).note
     assert len(desk.asked) == 1
     for _ in range(3):
-        desk.at(1.5, 0.5)
-    assert desk.status().note == ""
+        desk.moved(1.5, 0.5)
+    assert desk.last(MissionStatus).note == ""
     assert [ask.request for ask in desk.asked[1:]] == [
         PlanRequest(Waypoint(1.5, 0.5, 0.0), GOAL, "the robot was lost")
     ]
-    desk.planned(Plan((GOAL,), 1.6, 20.0))
-    found = desk.trajectories()[-1]
+    desk.reply(Plan((GOAL,), 1.6, 20.0))
+    found = desk.last(Trajectory)
     assert (found.mission, found.waypoints, found.start) == (mission, (GOAL,), Point(1.5, 0.5))
 
 
@@ -460,40 +431,40 @@ def test_a_lost_robot_takes_a_mission_and_it_is_planned_once_it_is_found(desk: D
     asked = desk.request(MissionRequest(GOAL))
     assert desk.replies[asked].refusal == ""
     assert desk.asked == []
-    desk.at(1.0, 2.0)
+    desk.moved(1.0, 2.0)
     assert [ask.request for ask in desk.asked] == [
         PlanRequest(Waypoint(1.0, 2.0, 0.0), GOAL, "the robot was lost")
     ]
 
 
 def test_a_lost_robot_has_not_arrived_wherever_its_pose_is(driving: Desk) -> None:
-    driving.at(1.0)
+    driving.moved(1.0)
     for _ in range(3):
-        driving.at(3.0, off_m=1.0)
-    assert driving.status().state is MissionState.DRIVING
+        driving.moved(3.0, off_m=1.0)
+    assert driving.last(MissionStatus).state is MissionState.DRIVING
 
 
 def test_a_robot_that_was_driven_by_hand_has_its_way_planned_anew_when_the_hand_is_off(
     desk: Desk,
 ) -> None:
     desk.request(MissionRequest(GOAL))
-    desk.planned(PLAN)
+    desk.reply(PLAN)
     desk.hand = "ann"
-    desk.at(0.5, 1.0)
-    assert desk.status().note == "ann drives by hand"
+    desk.moved(0.5, 1.0)
+    assert desk.last(MissionStatus).note == "ann drives by hand"
     assert len(desk.asked) == 1
     desk.hand = ""
-    desk.at(1.5, 1.5)
+    desk.moved(1.5, 1.5)
     assert [ask.request for ask in desk.asked[1:]] == [
         PlanRequest(Waypoint(1.5, 1.5, 0.0), GOAL, "the robot was driven by hand")
     ]
-    desk.planned(None)  # nobody plans: the way that there is is gone on with
-    assert not desk.trajectories()[-1].waits
+    desk.reply(None)  # nobody plans: the way that there is is gone on with
+    assert not desk.last(Trajectory).waits
 
 
 def test_given_waypoints_are_not_planned_anew(driving: Desk) -> None:
     lost(driving)
-    driving.at(0.5)
+    driving.moved(0.5)
     assert driving.asked == []
 
 
@@ -501,15 +472,15 @@ def test_without_a_plan_from_where_it_is_found_it_waits_and_the_status_says_so(
     desk: Desk,
 ) -> None:
     desk.request(MissionRequest(GOAL))
-    desk.planned(PLAN)
-    before = desk.trajectories()[-1]
+    desk.reply(PLAN)
+    before = desk.last(Trajectory)
     lost(desk)
-    desk.at(1.5, 0.5)
-    desk.planned(NO_WAY)
-    known = desk.trajectories()[-1]
+    desk.moved(1.5, 0.5)
+    desk.reply(NO_WAY)
+    known = desk.last(Trajectory)
     assert (known.waypoints, known.waits) == (before.waypoints, True)
     stay(desk, 1.0, at=1.5)
-    assert desk.status().note == "waits: door D is shut"
+    assert desk.last(MissionStatus).note == "waits: door D is shut"
 
 
 # A way that is blocked ----------------------------------------------------------------------------
@@ -523,14 +494,14 @@ ROUND = Plan((Waypoint(1.0, 2.0, 0.0), GOAL), 5.0, 60.0)
 def planned(desk: Desk) -> Desk:
     """On the planner's way to the goal."""
     desk.request(MissionRequest(GOAL))
-    desk.planned(PLAN)
+    desk.reply(PLAN)
     return desk
 
 
 def stay(desk: Desk, seconds: float, at: float = 0.2, *, off_m: float = 0.0) -> None:
     """The robot stands there for so long."""
     for _ in range(round(seconds * 10)):
-        desk.at(at, off_m=off_m)
+        desk.moved(at, off_m=off_m)
 
 
 def blocked(desk: Desk) -> None:
@@ -543,13 +514,13 @@ def blocked(desk: Desk) -> None:
 def test_a_robot_that_gets_no_nearer_is_planned_another_way_and_the_planner_is_told_why(
     planned: Desk,
 ) -> None:
-    mission = planned.trajectories()[-1]
+    mission = planned.last(Trajectory)
     blocked(planned)
     assert planned.asked[-1].request == PlanRequest(
         Waypoint(0.2, 0.0, 0.0), GOAL, "no nearer for 10 s"
     )
-    planned.planned(ROUND)
-    now = planned.trajectories()[-1]
+    planned.reply(ROUND)
+    now = planned.last(Trajectory)
     assert (now.mission, now.waypoints) == (mission.mission, ROUND.waypoints)
     assert now.start == Point(0.2, 0.0)
     assert (now.planned, now.waits) == (True, False)
@@ -565,51 +536,53 @@ def test_while_it_gets_nearer_however_slowly_it_drives_on(planned: Desk) -> None
 
 def test_beside_the_goal_there_is_no_other_way(planned: Desk) -> None:
     """It turns there, or somebody stands in its way."""
-    planned.at(1.1)
+    planned.moved(1.1)
     asked = len(planned.asked)
     stay(planned, 2 * SOME.nearer_s, at=2.8)
     assert len(planned.asked) == asked
 
 
 def test_without_another_way_it_waits_says_so_and_asks_again(planned: Desk) -> None:
-    mission = planned.trajectories()[-1]
+    mission = planned.last(Trajectory)
     blocked(planned)
-    planned.planned(NO_WAY)
-    waiting = planned.trajectories()[-1]
+    planned.reply(NO_WAY)
+    waiting = planned.last(Trajectory)
     assert (waiting.mission, waiting.waypoints) == (mission.mission, mission.waypoints)
     assert waiting.waits
     stay(planned, 1.0)
-    status = planned.status()
+    status = planned.last(MissionStatus)
     assert (status.state, status.note) == (MissionState.DRIVING, "waits: door D is shut")
     asked = len(planned.asked)
     stay(planned, SOME.again_s + 0.2)
     assert len(planned.asked) == asked + 1
-    planned.planned(PLAN)
-    assert not planned.trajectories()[-1].waits
+    planned.reply(PLAN)
+    assert not planned.last(Trajectory).waits
     stay(planned, 1.0)
-    assert planned.status().note == ""
+    assert planned.last(MissionStatus).note == ""
 
 
 def test_without_a_planner_it_goes_on_by_the_way_there_is(planned: Desk) -> None:
     """Losing the planner is no word on the way: behaviours go round what stands there."""
-    before = planned.trajectories()[-1]
+    before = planned.last(Trajectory)
     see(planned, Point(1.0, 0.1))
-    planned.planned(None)
-    known = planned.trajectories()[-1]
+    planned.reply(None)
+    known = planned.last(Trajectory)
     assert (known.waypoints, known.waits, known.counter) == (before.waypoints, False, 1)
     warned = "something stands across the way, and nobody plans: it goes on by the way there is"
     stay(planned, SOME.again_s + SOME.nearer_s)
-    planned.planned(None)
-    assert [m.text for m in planned.said if isinstance(m, Log) and m.level >= WARNING] == [warned]
-    planned.at(1.0)
-    assert planned.status().note == ""
+    planned.reply(None)
+    assert [m.text for m in planned.published if isinstance(m, Log) and m.level >= WARNING] == [
+        warned
+    ]
+    planned.moved(1.0)
+    assert planned.last(MissionStatus).note == ""
 
 
 def test_a_step_of_its_clock_fails_no_mission(planned: Desk) -> None:
     stay(planned, 2.0)
-    planned.agent.now += 3600.0  # or it was hung for so long
+    planned.now += 3600.0  # or it was hung for so long
     stay(planned, 2.0)
-    assert planned.status().state is MissionState.DRIVING
+    assert planned.last(MissionStatus).state is MissionState.DRIVING
     assert planned.asked == planned.asked[:1], "nothing is in the way"
     stay(planned, SOME.nearer_s)
     assert len(planned.asked) == 2, "what counts goes on counting"
@@ -617,43 +590,43 @@ def test_a_step_of_its_clock_fails_no_mission(planned: Desk) -> None:
 
 def test_without_a_planner_too_a_mission_fails_that_comes_no_nearer(planned: Desk) -> None:
     blocked(planned)
-    planned.planned(None)
+    planned.reply(None)
     for _ in range(round(SOME.give_up_s) + 5):
         stay(planned, 1.0)
-        if planned.asked[-1].id in planned.agent._asked:
-            planned.planned(None)
-    assert planned.status().state is MissionState.FAILED
+        if planned.waits:
+            planned.reply(None)
+    assert planned.last(MissionStatus).state is MissionState.FAILED
 
 
 def test_one_that_waits_goes_on_waiting_while_nobody_plans(planned: Desk) -> None:
     blocked(planned)
-    planned.planned(NO_WAY)
+    planned.reply(NO_WAY)
     stay(planned, SOME.again_s + 0.2)
-    planned.planned(None)
-    assert planned.trajectories()[-1].waits
+    planned.reply(None)
+    assert planned.last(Trajectory).waits
 
 
 def test_where_no_way_becomes_free_the_mission_fails_with_the_reason(planned: Desk) -> None:
-    mission = planned.trajectories()[-1].mission
+    mission = planned.last(Trajectory).mission
     blocked(planned)
-    planned.planned(NO_WAY)
+    planned.reply(NO_WAY)
     for _ in range(round(SOME.give_up_s)):
         stay(planned, 1.0)
-        if planned.asked[-1].id in planned.agent._asked:
-            planned.planned(NO_WAY)
-    assert planned.status().state is MissionState.FAILED
-    assert planned.status().mission == mission
-    assert "door D is shut" in planned.status().note
-    ended = planned.trajectories()[-1]
+        if planned.waits:
+            planned.reply(NO_WAY)
+    assert planned.last(MissionStatus).state is MissionState.FAILED
+    assert planned.last(MissionStatus).mission == mission
+    assert "door D is shut" in planned.last(MissionStatus).note
+    ended = planned.last(Trajectory)
     assert (ended.mission, ended.waypoints, ended.waits) == (mission, (), False)
     asked = len(planned.asked)
-    planned.agent.receive(ended, planned.now)  # a peer gives back what it remembers
+    planned.give(ended)  # a peer gives back what it remembers
     stay(planned, 20.0)
-    assert planned.status().state is MissionState.FAILED
+    assert planned.last(MissionStatus).state is MissionState.FAILED
     assert len(planned.asked) == asked
     planned.request(MissionRequest(DOOR))
-    planned.planned(PLAN)
-    assert planned.trajectories()[-1].waypoints == PLAN.waypoints
+    planned.reply(PLAN)
+    assert planned.last(Trajectory).waypoints == PLAN.waypoints
 
 
 def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
@@ -661,32 +634,29 @@ def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
     patience = SOME.give_up_s + ROUND.length / SOME.give_up_m_s
     for _ in range(round(patience) + 20):
         stay(planned, 1.0)
-        if planned.asked[-1].id in planned.agent._asked:
-            planned.planned(ROUND)
-    assert planned.status().state is MissionState.FAILED
-    assert "no nearer" in planned.status().note
+        if planned.waits:
+            planned.reply(ROUND)
+    assert planned.last(MissionStatus).state is MissionState.FAILED
+    assert "no nearer" in planned.last(MissionStatus).note
 
 
 def touch(desk: Desk, x: float, *, after_s: float = 5.0, epoch: int = 1) -> None:
     """The robot touches something ahead there, by its odometry, and backs off."""
     stay(desk, after_s)
-    for stalled in (True, True, False):
-        desk.number += 1
-        at = Point(0.2, 0.0) if stalled else None
-        state = RobotState(Cycle(epoch, desk.number), x, 0, 0, 0, 0, 12, True, stalled, touch=at)
-        desk.agent.receive(state, desk.now + 0.1)
-        desk.take()
+    desk.epoch, desk.odometry = epoch, (x, 0.0, 0.0)
+    for desk.touch in (Point(0.2, 0.0), Point(0.2, 0.0), None):
+        desk.state()
 
 
 def test_at_the_third_contact_at_one_place_the_mission_fails_and_says_where(
     planned: Desk,
 ) -> None:
-    mission = planned.trajectories()[-1].mission
+    mission = planned.last(Trajectory).mission
     for x in (1.0, 1.1):
         touch(planned, x)
-        assert planned.status().state is MissionState.DRIVING
+        assert planned.last(MissionStatus).state is MissionState.DRIVING
     touch(planned, 0.9)
-    status, ended = planned.status(), planned.trajectories()[-1]
+    status, ended = planned.last(MissionStatus), planned.last(Trajectory)
     assert (status.state, status.mission) == (MissionState.FAILED, mission)
     assert "ahead at (0.20, 0.00)" in status.note
     assert (ended.mission, ended.waypoints) == (mission, ())
@@ -697,17 +667,17 @@ def test_contacts_far_apart_long_ago_or_in_another_mission_do_not_count(planned:
         touch(planned, x)
     touch(planned, 1.0, after_s=SOME.contacts_s)
     planned.request(MissionRequest(GOAL))
-    planned.planned(PLAN)
+    planned.reply(PLAN)
     touch(planned, 1.0)
     touch(planned, 1.0)
-    assert planned.status().state is MissionState.DRIVING
+    assert planned.last(MissionStatus).state is MissionState.DRIVING
 
 
 def test_what_a_hand_has_it_touch_is_the_hand_s(planned: Desk) -> None:
     planned.hand = "somebody"
     for _ in range(5):
         touch(planned, 1.0)
-    assert planned.status().state is MissionState.DRIVING
+    assert planned.last(MissionStatus).state is MissionState.DRIVING
 
 
 @pytest.mark.parametrize("hindrance", ["lost", "stopped", "given", "by hand"])
@@ -715,22 +685,22 @@ def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: s
     given = hindrance == "given"
     desk.request(MissionRequest(GOAL, (DOOR,), planned=not given))
     if not given:
-        desk.planned(PLAN)
+        desk.reply(PLAN)
     if hindrance == "stopped":
-        desk.agent.receive(Stop(1, True, "somebody", 1), desk.now)
+        desk.give(Stop(1, True, "somebody", 1))
     desk.hand = "ann" if hindrance == "by hand" else ""
     asked = len(desk.asked)
     stay(desk, SOME.give_up_s + 60.0, off_m=1.0 if hindrance == "lost" else 0.0)
     assert len(desk.asked) == asked
-    assert desk.status().state is MissionState.DRIVING
+    assert desk.last(MissionStatus).state is MissionState.DRIVING
 
 
 def see(desk: Desk, *points: Point, seconds: float = 2.0) -> None:
     """The robot drives on and there is something, in its body's frame."""
     for _ in range(round(10 * seconds)):
-        desk.at(0.1 + 0.01 * desk.number)
+        desk.moved(0.1 + 0.01 * desk.number)
         seen = Obstacles(Cycle(1, desk.number), None, None, None, None, points)
-        desk.agent.receive(seen, desk.now)
+        desk.give(seen)
         desk.wake()
 
 
@@ -739,8 +709,8 @@ def test_something_across_the_way_is_planned_round_before_the_robot_stands(plann
     request = planned.asked[-1].request
     assert isinstance(request, PlanRequest)
     assert request.why == "something stands across the way"
-    planned.planned(ROUND)
-    assert planned.trajectories()[-1].waypoints == ROUND.waypoints
+    planned.reply(ROUND)
+    assert planned.last(Trajectory).waypoints == ROUND.waypoints
 
 
 @pytest.mark.parametrize("point", [Point(1.0, 0.3), Point(2.0, 0.0), Point(-0.3, 0.0)])
@@ -759,9 +729,9 @@ def test_for_who_drives_fast_what_is_beside_the_body_s_way_is_across_it(
     """As wide as the robot is, whichever it is, and the next look decides."""
     desk = Desk(parameters=Parameters(flank_m=0.05, across_s=0.0))
     desk.agent.receive(described(), 0.0)
-    desk.at(0.0)
+    desk.moved(0.0)
     desk.request(MissionRequest(GOAL))
-    desk.planned(PLAN)
+    desk.reply(PLAN)
     asked = len(desk.asked)
     see(desk, Point(0.9, aside), seconds=0.4)
     assert (len(desk.asked) > asked) is across
@@ -769,23 +739,23 @@ def test_for_who_drives_fast_what_is_beside_the_body_s_way_is_across_it(
 
 def test_a_plan_that_leads_the_same_way_changes_nothing(planned: Desk) -> None:
     """What was seen is a wall of the map after all, or gone."""
-    before = planned.trajectories()[-1]
+    before = planned.last(Trajectory)
     see(planned, Point(1.0, 0.1))
-    planned.planned(Plan((Waypoint(1.1, 0.02, 0.0), GOAL), 2.9, 38.0))
-    assert planned.trajectories()[-1].counter == before.counter
+    planned.reply(Plan((Waypoint(1.1, 0.02, 0.0), GOAL), 2.9, 38.0))
+    assert planned.last(Trajectory).counter == before.counter
 
 
 def test_one_that_starts_again_goes_on_waiting_and_asks_for_a_way(planned: Desk) -> None:
     blocked(planned)
-    planned.planned(NO_WAY)
+    planned.reply(NO_WAY)
     other = restarted(planned)
     stay(other, SOME.again_s + 0.5)
-    assert other.status().state is MissionState.DRIVING
+    assert other.last(MissionStatus).state is MissionState.DRIVING
     assert [ask.request for ask in other.asked[:1]] == [
         PlanRequest(Waypoint(0.2, 0.0, 0.0), GOAL, "no way was free")
     ]
-    other.planned(ROUND)
-    assert not other.trajectories()[-1].waits
+    other.reply(ROUND)
+    assert not other.last(Trajectory).waits
 
 
 @pytest.mark.parametrize(("replaces", "taken"), [(None, True), (0, False)])
@@ -794,14 +764,14 @@ def test_a_request_may_say_that_it_takes_nobody_elses_place(
     replaces: int | None, taken: bool, planned: bool
 ) -> None:
     desk = Desk()
-    desk.at(0.0)
+    desk.moved(0.0)
     desk.request(MissionRequest(GOAL, planned=False))
     mission = desk.replies[1].mission
     number = desk.request(MissionRequest(DOOR, planned=planned, replaces=replaces))
     if planned and taken:
-        desk.planned(PLAN)
+        desk.reply(PLAN)
     assert (desk.replies[number].refusal == "") == taken
-    assert len({trajectory.mission for trajectory in desk.trajectories()}) == 1 + taken
+    assert len({trajectory.mission for trajectory in desk.all(Trajectory)}) == 1 + taken
     if not taken:
         assert "under way for somebody else" in desk.replies[number].refusal
         again = desk.request(MissionRequest(DOOR, planned=False, replaces=mission))
@@ -810,58 +780,58 @@ def test_a_request_may_say_that_it_takes_nobody_elses_place(
 
 def test_nor_does_it_once_somebody_else_was_faster_than_its_plan() -> None:
     desk = Desk()
-    desk.at(0.0)
+    desk.moved(0.0)
     number = desk.request(MissionRequest(GOAL, replaces=0))
     desk.request(MissionRequest(DOOR, planned=False))
-    desk.planned(PLAN)
+    desk.reply(PLAN)
     assert "under way for somebody else" in desk.replies[number].refusal
-    assert len(desk.trajectories()) == 1
+    assert len(desk.all(Trajectory)) == 1
 
 
 def test_a_mission_that_says_where_the_robot_stands_waits_for_the_pose_to_be_there() -> None:
     desk, here = Desk(), Waypoint(1.0, 1.0, 0.0)
-    desk.at(5.0, 5.0)
+    desk.moved(5.0, 5.0)
     asked = desk.request(MissionRequest(GOAL, planned=False, start=here))
-    assert InitialPose(1.0, 1.0, 0.0) in desk.said
-    desk.at(5.0, 5.0)
+    assert InitialPose(1.0, 1.0, 0.0) in desk.published
+    desk.moved(5.0, 5.0)
     assert not desk.replies
-    desk.at(1.0, 1.0)
+    desk.moved(1.0, 1.0)
     assert desk.replies[asked].refusal == ""
-    assert desk.trajectories()[-1].start == Point(1.0, 1.0)
+    assert desk.last(Trajectory).start == Point(1.0, 1.0)
 
 
 def test_without_an_encoder_agent_that_takes_it_on_such_a_mission_is_refused() -> None:
     desk = Desk()
-    desk.at(5.0, 5.0)
+    desk.moved(5.0, 5.0)
     asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
     for _ in range(25):
-        desk.at(5.0, 5.0)
+        desk.moved(5.0, 5.0)
     assert "no encoder agent" in desk.replies[asked].refusal
 
 
 def test_a_robot_that_moves_is_not_told_where_it_stands() -> None:
     desk = Desk()
-    desk.at(5.0, 5.0, speed=ROLLING)
+    desk.moved(5.0, 5.0, speed=ROLLING)
     asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
     assert "it moves" in desk.replies[asked].refusal
-    assert not [said for said in desk.said if isinstance(said, InitialPose)]
+    assert not [said for said in desk.published if isinstance(said, InitialPose)]
 
 
 def test_a_place_that_is_not_taken_on_in_time_starts_no_robot_later() -> None:
     desk = Desk()
-    desk.at(5.0, 5.0)
+    desk.moved(5.0, 5.0)
     asked = desk.request(MissionRequest(GOAL, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
-    desk.agent.wake(desk.now + 600.0)
-    desk.take()
-    desk.at(1.0, 1.0, speed=ROLLING)
+    desk.now += 600.0
+    desk.wake()
+    desk.moved(1.0, 1.0, speed=ROLLING)
     assert "no encoder agent" in desk.replies[asked].refusal
-    assert not desk.trajectories()
+    assert not desk.all(Trajectory)
 
 
 def test_while_a_way_is_planned_the_robot_is_placed_nowhere_else() -> None:
     desk = Desk()
-    desk.at(5.0, 5.0)
+    desk.moved(5.0, 5.0)
     desk.request(MissionRequest(GOAL))
     again = desk.request(MissionRequest(DOOR, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
     assert "under way" in desk.replies[again].refusal
-    assert not [said for said in desk.said if isinstance(said, InitialPose)]
+    assert not [said for said in desk.published if isinstance(said, InitialPose)]

@@ -11,7 +11,6 @@ from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
 from armadico.agents.missions import procedures
-from armadico.agents.missions.errands import Stage
 from armadico.agents.missions.messages import (
     Alarm,
     Board,
@@ -34,6 +33,7 @@ from armadico.core.messages import LARGEST_PAYLOAD, Cycle, Message, encode
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     MissionReply,
     MissionRequest,

@@ -22,6 +22,7 @@ from armadico.agents.fleet.messages import (
     FleetTask,
     FleetTasks,
 )
+from armadico.agents.fleet.task_sharing import TaskSharing
 from armadico.core import agent
 from armadico.core.agent import Agent, Identity, Question
 from armadico.core.cycles import CycleCounter
@@ -193,6 +194,12 @@ class Band:
         assert isinstance(found, Fleet), "it is"
         return found
 
+    def sharing(self, name: str) -> TaskSharing:
+        """What a robot that has a list knows of its tasks."""
+        work = self.fleet(name).work
+        assert work is not None, "it has a list"
+        return work.sharing
+
     def puppet(self, name: str) -> Puppet:
         found = self._puppets[name].agent
         assert isinstance(found, Puppet), "it is"
@@ -217,8 +224,8 @@ class Band:
     @property
     def over(self) -> bool:
         """Whether all know that all is done, but those that are cut off without a robot agent."""
-        sharing = [self.fleet(name).sharing for name in self._agents if name in self._puppets]
-        return bool(sharing) and all(one is not None and not one.open for one in sharing)
+        works = [self.fleet(name).work for name in self._agents if name in self._puppets]
+        return bool(works) and all(work is not None and not work.sharing.open for work in works)
 
     @property
     def makespan(self) -> float:
@@ -230,8 +237,8 @@ class Band:
         """By task who did it, by all that anybody knows who is alive."""
         found: dict[int, set[str]] = {}
         for name in self._agents:
-            sharing = self.fleet(name).sharing
-            for task, by in (sharing.done if sharing is not None else {}).items():
+            work = self.fleet(name).work
+            for task, by in (work.sharing.done if work is not None else {}).items():
                 found.setdefault(task, set()).update(by)
         return found
 

@@ -1,0 +1,147 @@
+"""How far an agent has come that has the robot driven to a place: one table for all of them.
+
+An agent either contends for the planner and the trajectory itself (an errand of the missions), or
+asks the interface agent to drive the robot (`Ordered`). Both go through the stages of
+`TRANSITIONS`; an event that the table does not list for a stage changes nothing.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import inf
+from typing import Final
+
+from armadico.mobile.messages import MissionReply, MissionState, MissionStatus
+
+NEARER_M: Final = 0.1
+"""A robot that is nearer by this has made progress."""
+
+
+class Stage(StrEnum):
+    """How far an errand has come."""
+
+    NONE = "none"
+    PLANNING = "planning"  # a way was asked for
+    WITHDRAWN = "withdrawn"  # it is wanted no more, and the answer is still to come
+    WAITING = "waiting"  # there is a way, which is not driven now
+    DRIVING = "driving"
+    REACHED = "reached"
+    FAILED = "failed"
+
+
+class Event(StrEnum):
+    """What happens to an errand."""
+
+    ASKED = "a way is asked for"
+    WITHDRAWN = "it ends, and what it asked for will be answered"
+    ENDED = "it ends"
+    TAKEN = "there is a way"
+    REFUSED = "there is no way"
+    DRIVEN = "its way is driven"
+    INTERRUPTED = "another way is driven"
+    REACHED = "the robot has reached the goal"
+    FAILED = "its way was given up"
+
+
+UNDER_WAY: Final = frozenset({Stage.PLANNING, Stage.WAITING, Stage.DRIVING})
+
+TRANSITIONS: Final[dict[tuple[Stage, Event], Stage]] = {
+    (Stage.NONE, Event.ASKED): Stage.PLANNING,
+    (Stage.NONE, Event.TAKEN): Stage.WAITING,  # a way that was there before
+    (Stage.PLANNING, Event.TAKEN): Stage.WAITING,
+    (Stage.PLANNING, Event.REFUSED): Stage.FAILED,
+    (Stage.PLANNING, Event.WITHDRAWN): Stage.WITHDRAWN,
+    (Stage.WITHDRAWN, Event.TAKEN): Stage.NONE,
+    (Stage.WITHDRAWN, Event.REFUSED): Stage.NONE,
+    (Stage.WAITING, Event.DRIVEN): Stage.DRIVING,
+    (Stage.WAITING, Event.REACHED): Stage.REACHED,
+    (Stage.WAITING, Event.FAILED): Stage.FAILED,
+    (Stage.DRIVING, Event.INTERRUPTED): Stage.WAITING,
+    (Stage.DRIVING, Event.REACHED): Stage.REACHED,
+    (Stage.DRIVING, Event.FAILED): Stage.FAILED,
+    **{(stage, Event.ENDED): Stage.NONE for stage in Stage if stage is not Stage.WITHDRAWN},
+}
+
+_REPORTED: Final = {
+    MissionState.DRIVING: Event.DRIVEN,
+    MissionState.REACHED: Event.REACHED,
+    MissionState.FAILED: Event.FAILED,
+}
+
+
+def event_of(status: MissionStatus, mission: int) -> Event:
+    """What the status that the interface agent publishes means for the errand of a mission."""
+    if status.mission != mission:
+        return Event.INTERRUPTED
+    return _REPORTED.get(status.state, Event.INTERRUPTED)
+
+
+def following(stage: Stage, event: Event) -> Stage:
+    """The stage after an event."""
+    return TRANSITIONS.get((stage, event), stage)
+
+
+class Ordered:
+    """A goal that the interface agent drives the robot to, by order of the agent that keeps this.
+
+    Attributes:
+        stage: How far it has come.
+        mission: Its number; 0: it has none yet.
+        leg: The leg of its way that the robot is on.
+        to_go: What is left of its way, m.
+        nearer_at: When the robot last came nearer to the goal, s.
+        own: The numbers of all missions that were ordered so.
+    """
+
+    def __init__(self) -> None:
+        self.stage = Stage.NONE
+        self.mission = self.leg = 0
+        self.to_go = self._nearest = inf
+        self.nearer_at = 0.0
+        self.own: set[int] = set()
+
+    @property
+    def pending(self) -> bool:
+        """Whether an answer is still to come."""
+        return self.stage in (Stage.PLANNING, Stage.WITHDRAWN)
+
+    def ask(self, now: float) -> None:
+        """Note that it is asked for; only after `drop`, and while nothing is pending."""
+        self._on(Event.ASKED)
+        self.to_go = self._nearest = inf
+        self.nearer_at = now
+
+    def drop(self) -> None:
+        """End it. An answer that is pending is still to be given to `answered`."""
+        self._on(Event.WITHDRAWN if self.pending else Event.ENDED)
+        self.mission = self.leg = 0
+
+    def answered(self, reply: MissionReply | None, now: float) -> str:
+        """Take the answer; return why it was refused, "" if it was not."""
+        if reply is None or reply.refusal:
+            self._on(Event.REFUSED)
+            return "nobody takes missions" if reply is None else reply.refusal
+        self.own.add(reply.mission)
+        withdrawn = self.stage is Stage.WITHDRAWN
+        self._on(Event.TAKEN)
+        if not withdrawn:
+            self.mission, self.nearer_at = reply.mission, now
+            self.to_go = self._nearest = reply.length
+        return ""
+
+    def update(self, status: MissionStatus, now: float) -> Event | None:
+        """Take a status; return what that means for it, None if nothing has changed."""
+        if not self.mission or (status.mission != self.mission and status.mission in self.own):
+            return None
+        event = event_of(status, self.mission)
+        before = self.stage
+        if status.mission == self.mission:
+            self.leg, self.to_go = status.leg, status.to_go
+            if status.to_go < self._nearest - NEARER_M:
+                self._nearest, self.nearer_at = status.to_go, now
+        self._on(event)
+        changed = self.stage is not before or status.mission != self.mission
+        return event if changed else None
+
+    def _on(self, event: Event) -> None:
+        self.stage = following(self.stage, event)
