@@ -29,9 +29,6 @@ from armadico.core.resources import WHEELS
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 """The links of Zenoh that have an address and a port."""
 
-HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
-"""The host table where `--hosts` names none: a file, or the name of a shipped one."""
-
 ANYWHERE: Final = ("0.0.0.0", "::")
 """Addresses to listen on, and none to connect to."""
 
