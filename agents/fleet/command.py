@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -16,13 +14,11 @@ from armadico.mesh.endpoints import Endpoints
 from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
 if TYPE_CHECKING:
-    from armadico.agents.fleet.run import FleetRehearsal
     from armadico.agents.fleet.view import FleetResult, FleetWatch
     from armadico.cli.run import Options
     from armadico.config.scenarios import Scenario
     from armadico.launch.society import Options as Chosen
     from armadico.mesh.base import Mesh
-    from armadico.observe.virtual_recording import Recorded
 
 LINE_S: Final = 5.0
 """How often a line is printed, s of the run."""
@@ -96,12 +92,13 @@ def _virtual(
     report: Callable[[str], None],
 ) -> FleetResult:
     from armadico.agents.fleet.run import FleetRehearsal
-    from armadico.cli.record import beside_a_run
+    from armadico.cli.record import beside_a_run, recorded
 
     rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args.mesh))
     with beside_a_run(report) as stack:
         if args.record is not None:
-            stack.enter_context(_recorded(rehearsal, scenario, args.record))
+            names = rehearsal.names
+            stack.enter_context(recorded(rehearsal.mesh, args.record, scenario, *names))
         return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
 
 
@@ -115,17 +112,18 @@ def _live(
     from armadico.agents.fleet.local_fleet import LocalFleet
     from armadico.agents.fleet.run import names_of, robots_of
     from armadico.cli.beside import PAGE_ENDS, beside
+    from armadico.cli.record import recorder
 
     check_connect(args)
     options.end_as_by_ctrl_c()
     fleet, joining = fleet_of(args.mesh), args.mesh.endpoints().words
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
-    page = beside(args.mesh, "page", scenario.world, robots) if args.page else nullcontext()
+    page = beside(args.mesh, "page", scenario.world, robots, wanted=args.page)
     try:
         run = LocalFleet(
             scenario, chosen, args.robots, fleet, _joiner(args.mesh), joining, options.say
         )
-        with page, _recorder(args, scenario, run.names), run:
+        with page, recorder(args.mesh, args.record, scenario, *run.names), run:
             options.say(
                 f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
             )
@@ -149,6 +147,7 @@ def _attached(
 ) -> FleetResult:
     from armadico.agents.fleet.attached_fleet import AttachedFleet
     from armadico.cli.beside import beside
+    from armadico.cli.record import recorder
 
     options.end_as_by_ctrl_c()
     run = AttachedFleet(
@@ -159,8 +158,8 @@ def _attached(
     with run:
         run.find()
         options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
-        page = beside(args.mesh, "page", scenario.world, run.names) if args.page else nullcontext()
-        with page, _recorder(args, scenario, run.names):
+        page = beside(args.mesh, "page", scenario.world, run.names, wanted=args.page)
+        with page, recorder(args.mesh, args.record, scenario, *run.names):
             return run.run(progress)
 
 
@@ -192,24 +191,6 @@ def _scouts(mesh: options.Mesh) -> Callable[[], Iterator[Mesh]]:
             yield scout
 
     return scouts
-
-
-def _recorded(rehearsal: FleetRehearsal, scenario: Scenario, path: Path) -> Recorded:
-    """What is said in a virtual run, of all robots."""
-    from armadico.cli.record import recorded
-
-    return recorded(rehearsal.mesh, path, scenario, *rehearsal.names)
-
-
-def _recorder(
-    args: Options, scenario: Scenario, names: Sequence[str]
-) -> AbstractContextManager[None]:
-    """A recorder beside a live run, of all robots."""
-    if args.record is None:
-        return nullcontext()
-    from armadico.cli.record import recorder
-
-    return recorder(args.mesh, args.record, scenario, *names)
 
 
 class _Lines:

@@ -8,7 +8,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
+    POSE,
     Command,
     argument,
     at_least,
@@ -25,7 +26,7 @@ from armadico.cli.parsing import (
     option,
     several,
 )
-from armadico.cli.run_options import POSE, pose
+from armadico.cli.run_options import X_Y_DEG, pose
 from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
 from armadico.mesh.endpoints import Endpoints
@@ -67,7 +68,7 @@ class Options:
     )
     without: tuple[str, ...] = several("leave one out", metavar="AGENT")
     start: tuple[float, float, float] | None = option(
-        "where this robot starts, if not where the scenario has it", metavar=POSE
+        "where this robot starts, if not where the scenario has it", metavar=X_Y_DEG, must=POSE
     )
     robot: str | None = option("the controller, instead of the host entry's", metavar="URL")
     restarts: int = option(
@@ -144,7 +145,7 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
 
     if scenario is not None and (warning := bare(scenario.world)):
         options.say(warning)
-    start = pose("start", args.start)
+    start = pose(args.start)
     if start is None:
         return scenario
     if scenario is None:
@@ -176,6 +177,7 @@ def _is_mission(name: str) -> bool:
 
 def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
     from armadico.agents.supervision.supervisor import GaveUpError, Upkeep
+    from armadico.cli.beside import beside
     from armadico.config.discovery import owners
     from armadico.core.resources import WHEELS
     from armadico.core.restart_policy import Budget
@@ -190,7 +192,9 @@ def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
         with (
             PidFile(where.namespace, plan.host) as pid_file,
             mesh,
-            _page(args, scenario),
+            beside(
+                args.mesh, "page", None if scenario is None else scenario.world, wanted=args.page
+            ),
             Upkeep(plan, mesh, _say, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)
@@ -208,15 +212,6 @@ def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
         ) from None
     except OSError as error:
         raise FailedError(f"cannot keep a file that says what is up: {error}") from None
-
-
-def _page(args: Options, scenario: Scenario | None) -> AbstractContextManager[None]:
-    """The control page beside the society, if it is asked for. Raises FailedError."""
-    if not args.page:
-        return nullcontext()
-    from armadico.cli.beside import beside
-
-    return beside(args.mesh, "page", None if scenario is None else scenario.world)
 
 
 def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:

@@ -38,6 +38,7 @@ def beside(
     world: str | None,
     namespaces: Sequence[str] = (),
     *,
+    wanted: bool = True,
     wait: bool = False,
 ) -> Iterator[None]:
     """A process that serves a run or a society, and ends with it; its link is printed.
@@ -47,11 +48,15 @@ def beside(
         command: One of `PORTS`.
         world: The world that is drawn, by name or path; None: none.
         namespaces: The run's robots; by default the one of the options.
+        wanted: Whether it is; else nothing is started.
         wait: Until somebody looks; and afterwards it stays until Ctrl-C.
 
     Raises:
         FailedError: It did not start, and has said why on stderr.
     """
+    if not wanted:
+        yield
+        return
     from armadico.launch.processes import command_line
 
     words = [command, STARTING, *PORTS[command], *mesh.endpoints().words]

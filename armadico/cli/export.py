@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import Command, argument, option
+from armadico.cli.parsing import FILE, Command, argument, option
 from armadico.config.discovery import TRANSLATORS, installed
 
 EXAMPLES = """\
@@ -22,7 +21,7 @@ EXAMPLES = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    file: Path = argument("the recording", metavar="FILE.mcap")
+    file: Path = argument("the recording", metavar="FILE.mcap", must=FILE)
     to: str = option("into what", choices=("csv", "rrd", *installed(TRANSLATORS)), required=True)
     out: Path | None = option("the folder (csv) or file (others) to write", metavar="PATH")
     namespace: str | None = option("only this robot (default: all)", metavar="NS")
@@ -32,8 +31,6 @@ class Options:
 
 
 def run(args: Options) -> int:
-    if not args.file.is_file():
-        raise UsageError(f"{args.file}: no such file")
     options.need("mcap", "record")
     from armadico.observe.recordings import RecordingError
 
@@ -54,7 +51,7 @@ def _to_csv(args: Options) -> str:
 
     folder = _out(args)
     with Tables(folder) as tables:
-        for row in rows(args.file, _warn):
+        for row in rows(args.file, options.teller("armadico export")):
             if args.namespace in (None, row.namespace):
                 tables.take(row)
     if not tables.rows:
@@ -68,7 +65,14 @@ def _to_rrd(args: Options) -> str:
 
     out = _out(args)
     options.need("rerun", "dashboard")
-    count = to_rrd(args.file, out, args.namespace, options.world_of(args.world), zones(), _warn)
+    count = to_rrd(
+        args.file,
+        out,
+        args.namespace,
+        options.world_of(args.world),
+        zones(),
+        options.teller("armadico export"),
+    )
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{count} messages in {out}"
@@ -82,7 +86,12 @@ def _to_others(args: Options) -> str:
         raise UsageError(f"--out {out}: the name of a recording ends with .mcap")
     try:
         count = translated(
-            args.file, out, args.to, args.namespace, _warn, options.world_of(args.world)
+            args.file,
+            out,
+            args.to,
+            args.namespace,
+            options.teller("armadico export"),
+            options.world_of(args.world),
         )
     except FileExistsError:
         raise FailedError(f"{out} exists already; name another file with --out") from None
@@ -103,10 +112,6 @@ def _out(args: Options) -> Path:
 
 def _of(args: Options) -> str:
     return "" if args.namespace is None else f" of {args.namespace!r}"
-
-
-def _warn(text: str) -> None:
-    print(f"armadico export: {text}", file=sys.stderr)
 
 
 main: Final = Command(

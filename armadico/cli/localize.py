@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import Command, argument, flag, option, several
+from armadico.cli.parsing import FILE, POSE, Command, Must, argument, between, flag, option, several
 
 if TYPE_CHECKING:
     from armadico.observe.localizing import Chosen, Summary, Track
@@ -31,6 +31,9 @@ PARTS: Final = ("all", "even", "odd", "first", "second")
 MOST_LOST: Final = 0.5
 """If the robot is lost at a larger share of the readings, the map may be of another place."""
 
+TIME: Final = Must(isfinite, "expected s of the log")
+REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
+
 EVENTS: Final = 12
 """Lines on the terminal."""
 
@@ -46,7 +49,7 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    log: Path = argument("the log", metavar="LOG")
+    log: Path = argument("the log", metavar="LOG", must=FILE)
     world: str | None = option(
         "the map (default: the one that a recording names, else one made of the log)", metavar="MAP"
     )
@@ -56,12 +59,13 @@ class Options:
     )
     save_map: Path | None = option("keep that map: .yaml or .map", metavar="FILE")
     over: str = option("go over this part of the log (default: all)", default="all", choices=PARTS)
-    begin: float | None = option("begin at this time", "--from", metavar="S")
-    end: float | None = option("end at this time", "--to", metavar="S")
+    begin: float | None = option("begin at this time", "--from", metavar="S", must=TIME)
+    end: float | None = option("end at this time", "--to", metavar="S", must=TIME)
     start: tuple[float, float, float] | None = option(
         "where the robot is at the first reading: m, m, degrees (default: the reference)",
         either="start",
         metavar=("X", "Y", "DEG"),
+        must=POSE,
     )
     anywhere: bool = flag("the agent does not know the start", either="start")
     seed: int = option("seed (default: 0)", default=0, metavar="N")
@@ -69,6 +73,7 @@ class Options:
         "add errors to the odometry, as a share of ways and turns (default: 0;"
         f" {NOISE:g} where the odometry is a corrected path)",
         metavar="SHARE",
+        must=between(0, 1),
     )
     profile: str | None = option(
         f"the robot (default: the one that a recording names, else {PROFILE}); the scanner's"
@@ -80,7 +85,9 @@ class Options:
     sets: tuple[str, ...] = several(
         "a parameter of that agent; may be repeated", "--set", metavar="KEY=VALUE"
     )
-    reach: float | None = option("the scanner's longest range (default: the log's)", metavar="M")
+    reach: float | None = option(
+        "the scanner's longest range (default: the log's)", metavar="M", must=REACH
+    )
     corrected: bool | None = flag(
         "the poses of a CARMEN log are corrected (default: if its name says so, with .gfs or"
         " corrected, or if they differ from the odometry)",
@@ -127,17 +134,6 @@ def run(args: Options) -> int:
 
 def _check(args: Options) -> None:
     """Raises UsageError, ConfigError or FailedError."""
-    if not args.log.is_file():
-        raise UsageError(f"{args.log}: no such file")
-    if args.noise is not None and not 0.0 <= args.noise <= 1.0:
-        raise UsageError(f"--noise must be from 0 to 1 (got {args.noise:g})")
-    if args.reach is not None and not 0.0 < args.reach <= 100.0:
-        raise UsageError(f"--reach must be more than 0 and at most 100 (got {args.reach:g})")
-    if args.start is not None and not all(map(isfinite, args.start)):
-        raise UsageError("--start: expected three numbers")
-    for name, value in (("from", args.begin), ("to", args.end)):
-        if value is not None and not isfinite(value):
-            raise UsageError(f"--{name} {value:g}: expected s of the log")
     if args.world is not None and (args.map_from is not None or args.save_map is not None):
         raise UsageError("--map-from and --save-map make a map, and --world names one")
     if args.save_map is not None:

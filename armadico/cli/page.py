@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -90,7 +91,9 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Host
     known = missions()
     helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(m.namespace, world, known, _bits64, helpers, providers, hosts)
+        m.namespace: Robot(
+            m.namespace, world, known, partial(secrets.randbits, 63), helpers, providers, hosts
+        )
         for m in meshes
     }
     return Session(robots, meshes, start)
@@ -128,10 +131,6 @@ def _link(address: str, port: int, token: str) -> str:
     if ":" in host:
         host = f"[{host}]"
     return f"http://{host}:{port}/" + (f"#token={token}" if token else "")
-
-
-def _bits64() -> int:
-    return secrets.randbits(63)
 
 
 main: Final = Command(

@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from types import UnionType
 from typing import Any, Final, Generic, TypeVar, get_args, get_origin, get_type_hints
@@ -69,6 +69,20 @@ def between(least: float, most: float, words: str = "") -> Must:
     """From a number to another one, both included."""
     return Must(lambda value: least <= value <= most, words or f"from {least:g} to {most:g}")
 
+
+def ends_with(suffix: str, what: str) -> Must:
+    """The name of a file must end so."""
+    return Must(lambda path: path.suffix == suffix, f"{what} ends with {suffix}")
+
+
+def _is_pose(pose: Sequence[float]) -> bool:
+    return all(map(isfinite, pose)) and abs(pose[2]) <= 360.0
+
+
+FILE: Final = Must(Path.is_file, "no such file")
+RECORDING: Final = ends_with(".mcap", "the name of a recording")
+POSE: Final = Must(_is_pose, "expected finite m, m and -360 to 360 degrees")
+"""What x, y and heading must be; whether the place is free is the world's to say."""
 
 PORT: Final = between(0, 65535)
 """What a TCP port to listen on must be; 0 is any free one."""
@@ -270,10 +284,15 @@ def _built(kind: type[T], found: argparse.Namespace) -> T:
         elif isinstance(declared, _Option):
             value = values[each.name] = _frozen(getattr(found, each.name))
             if declared.must is not None and value is not None and not declared.must.holds(value):
-                name = each.name if declared.positional else (*declared.flags, _flag(each.name))[0]
-                shown = value if isinstance(value, int) else f"{value:g}"
-                raise UsageError(f"{name} {shown}: {declared.must.words}")
+                flag = "" if declared.positional else f"{(*declared.flags, _flag(each.name))[0]} "
+                raise UsageError(f"{flag}{_shown(value)}: {declared.must.words}")
     return kind(**values)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_shown, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _frozen(value: Any) -> Any:

@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, Mesh, UsageError
-from armadico.cli.parsing import Command, argument, flag, group, more_than, option
+from armadico.cli.options import FailedError, Mesh
+from armadico.cli.parsing import RECORDING, Command, argument, flag, group, more_than, option
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -43,7 +43,7 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    file: Path = argument("what to write", metavar="FILE.mcap")
+    file: Path = argument("what to write", metavar="FILE.mcap", must=RECORDING)
     max_size: float | None = option(
         "go on in another file when one is so large", metavar="MB", must=more_than(0)
     )
@@ -55,8 +55,6 @@ class Options:
 
 
 def run(args: Options) -> int:
-    if args.file.suffix != ".mcap":
-        raise UsageError(f"{args.file}: the name of a recording ends with .mcap")
     meshes = args.mesh.join_each()
     options.need("mcap", "record")
     with ExitStack() as stack:
@@ -74,14 +72,17 @@ def run(args: Options) -> int:
 
 
 @contextmanager
-def recorder(mesh: Mesh, path: Path, scenario: Scenario, *namespaces: str) -> Iterator[None]:
+def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str) -> Iterator[None]:
     """A recorder beside a live run, as a process of its own, from before anybody starts.
 
-    Without namespaces it is of the one that the options name. Its map is the scenario's, if the
-    society is told of one.
+    Without a path nothing is recorded. Without namespaces it is of the one that the options name.
+    Its map is the scenario's, if the society is told of one.
 
     Raises FailedError, UsageError.
     """
+    if path is None:
+        yield
+        return
     from armadico.config.scenarios import unmapped
     from armadico.launch.processes import START_S, Process, end
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.cli.parsing import Command, argument, at_least, flag, more_than, option, several
+from armadico.cli.parsing import FILE, Command, argument, at_least, flag, more_than, option, several
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
@@ -41,7 +41,7 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    file: Path = argument("the recording", metavar="FILE.mcap")
+    file: Path = argument("the recording", metavar="FILE.mcap", must=FILE)
     agents: tuple[str, ...] = several(
         "only this one, by name or instance; may be repeated",
         "--agent",
@@ -105,8 +105,6 @@ def run(args: Options) -> int:
 
 def _check(args: Options) -> None:
     """Raises UsageError, FailedError."""
-    if not args.file.is_file():
-        raise UsageError(f"{args.file}: no such file")
     options.need("mcap", "record")
     if args.picture is not None:
         options.need("matplotlib", "plot")

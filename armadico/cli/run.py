@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options, progress
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import Command, flag, option
-from armadico.cli.run_options import POSE, Drive, check_connect, choose
+from armadico.cli.parsing import POSE, Command, flag, option
+from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
 from armadico.config.errors import ConfigError
 from armadico.runtime.errors import SocietyError
 
@@ -60,7 +60,7 @@ EXAMPLES: Final = """\
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
     goal: tuple[float, float, float] | None = option(
-        "where it is to go: m, m, degrees", metavar=POSE
+        "where it is to go: m, m, degrees", metavar=X_Y_DEG, must=POSE
     )
     robots: int | None = option(
         "of a scenario with tasks for several: so many; with --attach, at least", metavar="N"
@@ -196,14 +196,19 @@ def _virtual(
 
 
 def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], None]) -> RunWatch:
+    from armadico.cli.beside import PAGE_ENDS, beside
+    from armadico.cli.record import recorder
+
+    watched = args.dashboard or args.wait
     mesh = args.mesh.join(starts=not args.attach)
     check_connect(args)
     options.end_as_by_ctrl_c()
     try:
         with (
-            _beside(args, scenario),
+            beside(args.mesh, "page", scenario.world, wanted=args.page),
+            beside(args.mesh, "dashboard", scenario.world, wanted=watched, wait=args.wait),
             mesh,
-            _recorder(args, scenario, chosen.seed),
+            recorder(args.mesh, args.record and args.of_run(args.record, chosen.seed), scenario),
             _run_on(mesh, args, scenario, chosen) as run,
             progress.shown(_label(scenario, chosen)) as show,
         ):
@@ -218,8 +223,6 @@ def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], No
             if args.page and args.limit is None:
                 _stay(run)
             elif args.page:
-                from armadico.cli.beside import PAGE_ENDS
-
                 options.say(PAGE_ENDS)
     except KeyboardInterrupt:
         if not args.attach:  # which has said what it leaves
@@ -274,15 +277,6 @@ def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) ->
     return launcher
 
 
-def _recorder(args: Drive, scenario: Scenario, seed: int) -> AbstractContextManager[None]:
-    """A recorder beside a live run, if it is asked for."""
-    if args.record is None:
-        return nullcontext()
-    from armadico.cli.record import recorder
-
-    return recorder(args.mesh, args.of_run(args.record, seed), scenario)
-
-
 @contextmanager
 def _recording(
     args: Drive,
@@ -303,19 +297,6 @@ def _recording(
 
             path = args.of_run(args.record, rehearsal.mesh.seed)
             stack.enter_context(recorded(rehearsal.mesh, path, scenario, rehearsal.namespace))
-        yield
-
-
-@contextmanager
-def _beside(args: Drive, scenario: Scenario) -> Iterator[None]:
-    """A dashboard and a page beside a live run, as far as they are asked for."""
-    from armadico.cli.beside import beside
-
-    with ExitStack() as stack:
-        if args.page:
-            stack.enter_context(beside(args.mesh, "page", scenario.world))
-        if args.dashboard or args.wait:
-            stack.enter_context(beside(args.mesh, "dashboard", scenario.world, wait=args.wait))
         yield
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, radians
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
+    POSE,
+    RECORDING,
     argument,
     at_least,
     between,
@@ -44,7 +46,7 @@ STARTING: Final = (
 PICTURES: Final = (".pgm", ".png")
 """Of a map; its .yaml names it."""
 
-POSE: Final = ("X", "Y", "DEG")
+X_Y_DEG: Final = ("X", "Y", "DEG")
 
 SEED: Final = between(0, 2**63 - 1, "from 0 to 2^63 - 1")
 
@@ -65,7 +67,7 @@ class Drive:
     )
     world: str | None = option("a world instead of a scenario: .map, .yaml", metavar="MAP")
     start: tuple[float, float, float] | None = option(
-        "where the robot starts: m, m, degrees", metavar=POSE
+        "where the robot starts: m, m, degrees", metavar=X_Y_DEG, must=POSE
     )
     limit: float | None = option(
         "time limit; without a goal: 60",
@@ -113,6 +115,7 @@ class Drive:
     record: Path | None = option(
         "keep all that is said as armadico record does, and what armadico replay needs",
         metavar="FILE.mcap",
+        must=RECORDING,
     )
     robot: str | None = option("drive something that is already there", metavar="URL")
     profile: str | None = option(
@@ -179,7 +182,7 @@ def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | N
     if args.robot is not None:
         _check_robot(args.robot)
     _check_attach(args)
-    start, goal = pose("start", args.start), pose("goal", args.goal)
+    start, goal = pose(args.start), pose(args.goal)
     world = _world(args)
     if world is not None:
         scenario = scenario_from(world, start, goal, profile_of(args.profile))
@@ -224,8 +227,6 @@ def _check_shown(args: Drive) -> None:
         raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
     if args.page and (args.virtual or args.runs is not None):
         raise UsageError("--page is for one live run, without --virtual and --runs")
-    if args.record is not None and args.record.suffix != ".mcap":
-        raise UsageError(f"--record {args.record}: the name of a recording ends with .mcap")
     if args.rrd is not None and not args.virtual:
         raise UsageError(
             "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
@@ -269,18 +270,9 @@ def check_connect(args: Drive) -> None:
         )
 
 
-def pose(name: str, given: Sequence[float] | None) -> ScenarioPose | None:
-    """The pose that an option names in degrees, with its heading in rad; None if there is none.
-
-    Raises UsageError for what is no pose; whether it is free is the world's to say.
-    """
-    if given is None:
-        return None
-    x, y, heading = given
-    if not (all(map(isfinite, given)) and abs(heading) <= 360.0):
-        words = " ".join(f"{value:g}" for value in given)
-        raise UsageError(f"--{name} {words}: expected finite m, m and -360 to 360 degrees")
-    return x, y, radians(heading)
+def pose(given: tuple[float, float, float] | None) -> ScenarioPose | None:
+    """The pose that an option names in degrees, with its heading in rad; None if there is none."""
+    return None if given is None else (given[0], given[1], radians(given[2]))
 
 
 def _check_together(args: Drive, taking: Sequence[str]) -> None:

@@ -110,7 +110,10 @@ def run(args: Options) -> int:
     mesh = args.mesh.join(passing=False, starts=True)
     scenario = _scenario(args)
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
-    _meet(robots)
+    try:
+        robots[0].meet(*robots[1:])
+    except ValueError as error:  # two would stand in each other
+        raise options.UsageError(f"--also: {error}") from None
     with ExitStack() as stack:
         line, where = _line(args, robots[0].truth().simulator, stack)
         served, places = [(robots[0], line)], [where]
@@ -152,15 +155,6 @@ def _named(args: Options) -> Options:
     if args.unkind is not None and not kind_of(load_profile(robot)).unkind:
         raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {robot}")
     return replace(args, world=world, robot=robot)
-
-
-def _meet(robots: Sequence[SimulatedRobot]) -> None:
-    """Have them live in one world. Raises UsageError if two would stand in each other."""
-    if len(robots) > 1:
-        try:
-            robots[0].meet(*robots[1:])
-        except ValueError as error:
-            raise options.UsageError(f"--also: {error}") from None
 
 
 def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
@@ -288,7 +282,8 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
     if index:
         scenario = with_(scenario, start=scenario.others[index - 1])
         first, streams = streams, lambda name: first(f"{index}/{name}")
-    traps = _traps(args.unkind)
+    # Of those that are named, or of all.
+    traps = KIND if args.unkind is None else frozenset(map(Trap, args.unkind)) or UNKIND
     robot = simulated(scenario, streams, name, traps=traps, clock_s=time.time())
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
@@ -297,11 +292,6 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
             " --start X Y DEG puts it elsewhere"
         )
     return robot
-
-
-def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
-    """Those of `--unkind`: every one if it names none."""
-    return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
 
 
 def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:

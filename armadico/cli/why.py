@@ -6,7 +6,6 @@ Of a recording, or of a society that is there.
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import Command, Must, argument, flag, group, option
+from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
@@ -65,7 +64,7 @@ class _Robot(options.Mesh):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    file: Path | None = argument("a recording", nargs="?", metavar="FILE.mcap")
+    file: Path | None = argument("a recording", nargs="?", metavar="FILE.mcap", must=FILE)
     live: bool = flag("a society that is there, instead")
     collision: int | None = option(
         "what it touched (default: the first)",
@@ -163,13 +162,11 @@ def _live(args: Options) -> Told:
 
 
 def _recorded(args: Options, file: Path) -> Told:
-    if not file.is_file():
-        raise UsageError(f"{file}: no such file")
     options.need("mcap", "record")
     from armadico.observe.recordings import Past, RecordingError
 
     try:
-        return _answer(args, Past(file, _warn))
+        return _answer(args, Past(file, options.teller("armadico why")))
     except RecordingError as error:
         raise UsageError(str(error)) from None
 
@@ -338,10 +335,6 @@ def _all(chronicle: Chronicle, ends: float) -> Told:
         "standing": last,
     }
     return Told(said, found)
-
-
-def _warn(text: str) -> None:
-    print(f"armadico why: {text}", file=sys.stderr)
 
 
 main: Final = Command(

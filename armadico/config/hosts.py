@@ -37,6 +37,7 @@ _HOST = re.compile(r"^[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?$")
 _TWICE = re.compile(r"^not TOML: Cannot declare \('(?P<name>[^']*)',\) twice")
 _SETTINGS = ("fleet",)
 
+
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
     router: str | None = None
     """Where its robot agent listens for other machines, `tcp/10.0.0.2:7447`; none: for no one."""
