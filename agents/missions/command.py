@@ -15,7 +15,6 @@ from armadico.cli.run_options import Drive, choose
 if TYPE_CHECKING:
     from armadico.agents.missions.messages import Board, BoardMission
     from armadico.agents.missions.mission_file import Mission
-    from armadico.mesh.base import Mesh
     from armadico.runtime.client import Client
 
 FIND_S: Final = 3.0
@@ -72,10 +71,10 @@ def _ask(args: Options) -> int:
     """Do one of what is no run."""
     doing: dict[str, Callable[[Options], int]] = {
         "list": _list,
-        "status": _status,
+        "status": _missions,
         "alarms": _alarms,
         "cancel": _cancel,
-        "log": _log,
+        "log": _missions,
     }
     return doing[args.what](args)
 
@@ -85,8 +84,9 @@ def _ask(args: Options) -> int:
 
 def _run(args: RunOptions) -> int:
     from armadico.agents.missions.mission_file import load_mission
+    from armadico.config.shipped import find
 
-    mission = load_mission(args.mission)
+    mission, found = load_mission(args.mission), str(find("missions", args.mission).resolve())
     if args.scenario is None and args.world is None:
         if mission.scenario is None:
             raise UsageError(
@@ -95,15 +95,8 @@ def _run(args: RunOptions) -> int:
             )
         args = replace(args, scenario=mission.scenario)
     with run.answering(args):
-        scenario, chosen = choose(args, somewhere=False, mission=_path(args.mission))
+        scenario, chosen = choose(args, somewhere=False, mission=found)
         return run.drive(args, scenario, chosen)
-
-
-def _path(named: str) -> str:
-    """A mission as it is found from anywhere."""
-    from armadico.config.shipped import find
-
-    return str(find("missions", named).resolve())
 
 
 # Those that there are -----------------------------------------------------------------------------
@@ -136,26 +129,32 @@ def _plain(mission: Mission) -> dict[str, object]:
 # Those of a society that is up --------------------------------------------------------------------
 
 
-def _status(args: Options) -> int:
-    with args.mesh.joined() as mesh:
-        board = _board(_client(mesh))
-        missions = () if board is None else board.missions
-        if args.json:
-            print(json.dumps([told(mission) for mission in missions]))
-            return 0
-        for mission in missions:
-            print(words(mission))
-        if board is not None and board.alarms:
-            print(options.shown(f"alarms: {', '.join(board.alarms)}"))
-        if not missions:
-            print("no missions")
+def _missions(args: Options) -> int:
+    """`status`: those of the board, and the alarms; `log`: with the result of each step."""
+    with args.mesh.client() as client:
+        board = _board(client)
+    missions: Sequence[BoardMission] = () if board is None else board.missions
+    log = args.what == "log"
+    if log and args.name is not None:
+        missions = _chosen(missions, args.name)
+    if args.json:
+        print(json.dumps([told(mission) for mission in missions]))
+        return 0
+    for mission in missions:
+        print(words(mission))
+        for result in mission.course.results if log else ():
+            print(f"  {result.at:8.1f} s  {options.shown(str(result))}")
+    if board is not None and board.alarms and not log:
+        print(options.shown(f"alarms: {', '.join(board.alarms)}"))
+    if not missions:
+        print("no missions")
     return 0
 
 
 def _alarms(args: Options) -> int:
     """The alarms that are remembered; apart from `status`, whose list is of missions."""
-    with args.mesh.joined() as mesh:
-        board = _board(_client(mesh))
+    with args.mesh.client() as client:
+        board = _board(client)
     rooms = () if board is None else board.alarms
     checked = {room: board is not None and room not in board.unchecked for room in rooms}
     if args.json:
@@ -168,23 +167,6 @@ def _alarms(args: Options) -> int:
     return 0
 
 
-def _log(args: Options) -> int:
-    with args.mesh.joined() as mesh:
-        board = _board(_client(mesh))
-        missions = () if board is None else board.missions
-        chosen = _chosen(missions, args.name) if args.name is not None else list(missions)
-        if args.json:
-            print(json.dumps([told(mission) for mission in chosen]))
-            return 0
-        for mission in chosen:
-            print(words(mission))
-            for result in mission.course.results:
-                print(f"  {result.at:8.1f} s  {options.shown(str(result))}")
-        if not chosen:
-            print("no missions")
-    return 0
-
-
 def _cancel(args: Options) -> int:
     if (args.name is None) == (not args.all):
         raise UsageError("cancel: which mission, by name or number? or --all")
@@ -192,8 +174,7 @@ def _cancel(args: Options) -> int:
     from armadico.mobile.messages import MissionReply
     from armadico.runtime.errors import AbsentError
 
-    with args.mesh.joined() as mesh:
-        client = _client(mesh)
+    with args.mesh.client() as client:
         numbers = [0]
         if args.name is not None:
             board = _board(client)
@@ -205,17 +186,11 @@ def _cancel(args: Options) -> int:
             request = MissionCancel(number, "armadico mission cancel")
             reply = client.ask(request, ANSWER_S, patience=FIND_S)
             if not isinstance(reply, MissionReply):
-                raise AbsentError("no agent that takes missions is alive", mesh.namespace)
+                raise AbsentError("no agent that takes missions is alive", client.mesh.namespace)
             if reply.refusal:
                 raise FailedError(options.shown(reply.refusal))
     print(json.dumps({"cancelled": numbers}) if args.json else "cancelled")
     return 0
-
-
-def _client(mesh: Mesh) -> Client:
-    from armadico.runtime.client import Client
-
-    return Client(mesh)
 
 
 def _board(client: Client) -> Board | None:
@@ -291,6 +266,7 @@ RUN: Final = Command(
     "Have a mission done and measure it, as `armadico run` drives to a goal. It ends with the"
     " mission, or at its time limit: --for, or the mission's own, or an hour.",
     RUN_EXAMPLES,
+    run.refused,
 )
 
 parser = COMMAND.parser

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, option
-from armadico.cli.run import answering, drive
+from armadico.cli.run import answering, drive, refused
 from armadico.cli.run_options import Drive, choose
 
 if TYPE_CHECKING:
@@ -96,4 +96,5 @@ main: Final = Command(
     " take part, path-planning does not. The pose is believed as it is: with an odometry that"
     " drifts the map drifts, too.",
     EXAMPLES,
+    refused,
 )

@@ -32,10 +32,8 @@ class Options:
 
 def run(args: Options) -> int:
     """Show what may be changed."""
-    from armadico.runtime.client import Client
-
-    with args.mesh.joined() as mesh:
-        replies = Client(mesh).parameters(args.agent, args.timeout)
+    with args.mesh.client() as client:
+        replies = client.parameters(args.agent, args.timeout)
     rows = [
         (name, instance, row)
         for (name, instance), reply in replies.items()

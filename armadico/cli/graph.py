@@ -30,10 +30,8 @@ class Options:
 
 
 def run(args: Options) -> int:
-    from armadico.runtime.client import Client
-
-    with args.mesh.joined() as mesh:
-        cards = Client(mesh).cards()
+    with args.mesh.client() as client:
+        cards = client.cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:
         raise AbsentError("no agent is alive", args.mesh.namespace)

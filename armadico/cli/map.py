@@ -36,10 +36,8 @@ def run(args: Options) -> int:
     from armadico.config.grid_map import check_suffix
 
     check_suffix(args.file)
-    from armadico.runtime.client import Client
-
-    with args.mesh.joined() as mesh:
-        print(save(Client(mesh), args.file))
+    with args.mesh.client() as client:
+        print(save(client, args.file))
     return 0
 
 

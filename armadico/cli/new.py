@@ -101,7 +101,10 @@ def package(name: str, which: str) -> dict[str, str]:
         "module": module,
         "kind": "".join(part.capitalize() for part in name.split("-")),
     }
-    texts = {to: _beginning(of.format(which=which)) for to, of in FILES.items()}
+    texts = {
+        to: (folder("new") / f"{of.format(which=which)}.txt").read_text("utf-8")
+        for to, of in FILES.items()
+    }
     if taken := _taken(filled, texts.values()):
         raise UsageError(f"{name!r} will not do: {taken}")
     return {
@@ -114,10 +117,6 @@ def _better(name: str) -> str:
     plain = normalize("NFKD", name.translate(GERMAN)).encode("ascii", "ignore").decode()
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", plain).lower()
     return re.sub(r"[^a-z0-9]+", "-", words).strip("-0123456789")[:LONGEST].strip("-")
-
-
-def _beginning(name: str) -> str:
-    return (folder("new") / f"{name}.txt").read_text(encoding="utf-8")
 
 
 def _taken(filled: dict[str, str], texts: Iterable[str]) -> str:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
     from armadico.config.worlds import World
     from armadico.mesh.zenoh import ZenohMesh
+    from armadico.runtime.client import Client
 
 __all__ = ["UsageError", "parser", "version"]  # those that commands elsewhere take from here
 
@@ -145,6 +146,14 @@ class Mesh:
             if not mesh.wait_joined(0.0):
                 raise FailedError(mesh.missing)
             yield mesh
+
+    @contextmanager
+    def client(self) -> Iterator[Client]:
+        """A client of the mesh, joined. Raises FailedError if there is no robot agent."""
+        from armadico.runtime.client import Client
+
+        with self.joined() as mesh:
+            yield Client(mesh)
 
     def of(self: M, namespace: str) -> M:
         """The same for another robot."""

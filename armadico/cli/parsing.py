@@ -170,13 +170,21 @@ class Command(Generic[T]):
     run: Callable[[T], int]
     description: str
     examples: str
+    refused: Callable[[T, UsageError], None] | None = None  # told of a value that must not be
 
     def __call__(self, argv: Sequence[str]) -> int:
         return self.run(self.parse(argv))
 
     def parse(self, argv: Sequence[str]) -> T:
         """The options that words give. Raises UsageError, or SystemExit as argparse does."""
-        return _built(self.options, self.parser().parse_args(argv))
+        found = _built(self.options, self.parser().parse_args(argv))
+        try:
+            _check(found)
+        except UsageError as error:
+            if self.refused is not None:
+                self.refused(found, error)
+            raise
+        return found
 
     def parser(self) -> ArgumentParser:
         made = parser(self.program, self.description, self.examples)
@@ -275,18 +283,28 @@ def _flag(name: str) -> str:
 
 
 def _built(kind: type[T], found: argparse.Namespace) -> T:
-    """The dataclass of what was parsed. Raises UsageError for a value that must not be."""
+    """The dataclass of what was parsed."""
     values: dict[str, Any] = {}
     for each in fields(kind):  # type: ignore[arg-type]
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, _Group):
             values[each.name] = _built(declared.kind, found)
         elif isinstance(declared, _Option):
-            value = values[each.name] = _frozen(getattr(found, each.name))
-            if declared.must is not None and value is not None and not declared.must.holds(value):
-                flag = "" if declared.positional else f"{(*declared.flags, _flag(each.name))[0]} "
-                raise UsageError(f"{flag}{_shown(value)}: {declared.must.words}")
+            values[each.name] = _frozen(getattr(found, each.name))
     return kind(**values)
+
+
+def _check(options: Any) -> None:
+    """Raises UsageError for a value that must not be."""
+    for each in fields(options):
+        declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
+        if isinstance(declared, _Group):
+            _check(value)
+        if not isinstance(declared, _Option) or declared.must is None or value is None:
+            continue
+        if not declared.must.holds(value):
+            flag = "" if declared.positional else f"{(*declared.flags, _flag(each.name))[0]} "
+            raise UsageError(f"{flag}{_shown(value)}: {declared.must.words}")
 
 
 def _shown(value: Any) -> str:

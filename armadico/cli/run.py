@@ -89,15 +89,17 @@ def answering(args: Drive) -> Iterator[None]:
     try:
         yield
     except (UsageError, ConfigError, SocietyError) as error:
-        if args.json:
-            _print_json([_not_driven(args, str(error))], several=args.runs is not None)
+        refused(args, error)
         raise
 
 
-def _not_driven(args: Drive, why: str) -> Result:
+def refused(args: Drive, error: Exception) -> None:
+    """With `--json`, print the result of a run that is refused."""
+    if not args.json:
+        return
     from armadico.observe.measures import Result
 
-    return Result(
+    result = Result(
         scenario=Path(args.scenario or args.world or "empty").stem,
         seed=args.seed,
         reached=False if args.mission is None else None,
@@ -109,9 +111,10 @@ def _not_driven(args: Drive, why: str) -> Result:
         exchanges=0,
         collisions=None,
         min_clearance_m=None,
-        why=why,
+        why=str(error),
         done=None if args.mission is None else False,
     )
+    _print_json([result], several=args.runs is not None)
 
 
 def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
@@ -359,4 +362,5 @@ main: Final = Command(
     " processes of their own on this machine, over Zenoh. It ends at the goal, or at its"
     " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
     EXAMPLES,
+    refused,
 )

@@ -37,10 +37,9 @@ def run(args: Options) -> int:
     """Change parameters, all or none."""
     values = dict(map(_read, args.values))
     from armadico.config.parameters import SAVED, save
-    from armadico.runtime.client import Client
 
-    with args.mesh.joined() as mesh:
-        reply = Client(mesh).change(args.agent, values, by="armadico set", timeout=args.timeout)
+    with args.mesh.client() as client:
+        reply = client.change(args.agent, values, by="armadico set", timeout=args.timeout)
     rows = {row.name: row for row in reply.parameters}
     for name in values:
         row = rows[name]
