@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.run_options import check_connect
+from armadico.mesh.endpoints import Endpoints
 from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
 if TYPE_CHECKING:
-    from armadico.agents.fleet.run import FleetRehearsal
     from armadico.agents.fleet.view import FleetResult, FleetWatch
+    from armadico.cli.run import Options
     from armadico.config.scenarios import Scenario
-    from armadico.launch.society import Options
+    from armadico.launch.society import Options as Chosen
     from armadico.mesh.base import Mesh
-    from armadico.observe.virtual_recording import Recorded
 
 LINE_S: Final = 5.0
 """How often a line is printed, s of the run."""
@@ -42,9 +39,9 @@ STARTING: Final = {"without": "without", "besides": "with"}
 """Beside those of one robot's run, what is for whoever starts the societies, and its option."""
 
 
-def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
+def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
     """Have the tasks done; 0 only if all were, none twice, and nothing was touched."""
-    from dataclasses import replace  # noqa: PLC0415 - not for --help
+    from dataclasses import replace
 
     for option in ALONE:
         if getattr(args, option) not in (None, False):
@@ -69,7 +66,7 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     faults: list[str] = []
     result = drive(args, scenario, chosen, say.show, faults.append)
     if args.json:
-        import msgspec  # noqa: PLC0415 - not for --help
+        import msgspec
 
         print(json.dumps(msgspec.to_builtins(result)))
     else:
@@ -79,50 +76,52 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     return 0 if result.passed else options.FAILED
 
 
-def fleet_of(args: argparse.Namespace) -> str:
+def fleet_of(mesh: options.Mesh) -> str:
     """The fleet's name: the robots' namespaces are in it."""
-    from armadico.agents.fleet.run import FLEET  # noqa: PLC0415 - not for --help
+    from armadico.agents.fleet.run import FLEET
 
-    name: str = args.namespace
+    name = mesh.namespace
     return FLEET if name == DEFAULT_NAMESPACE else checked_namespace(name)
 
 
 def _virtual(
-    args: argparse.Namespace,
+    args: Options,
     scenario: Scenario,
-    chosen: Options,
+    chosen: Chosen,
     progress: Callable[[FleetWatch], None],
     report: Callable[[str], None],
 ) -> FleetResult:
-    from armadico.agents.fleet.run import FleetRehearsal  # noqa: PLC0415
-    from armadico.cli.record import beside_a_run  # noqa: PLC0415 - not for --help
+    from armadico.agents.fleet.run import FleetRehearsal
+    from armadico.cli.record import beside_a_run, recorded
 
-    rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
+    rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args.mesh))
     with beside_a_run(report) as stack:
         if args.record is not None:
-            stack.enter_context(_recorded(rehearsal, scenario, args.record))
+            names = rehearsal.names
+            stack.enter_context(recorded(rehearsal.mesh, args.record, scenario, *names))
         return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
 
 
 def _live(
-    args: argparse.Namespace,
+    args: Options,
     scenario: Scenario,
-    chosen: Options,
+    chosen: Chosen,
     progress: Callable[[FleetWatch], None],
     _: Callable[[str], None],
 ) -> FleetResult:
-    from armadico.agents.fleet.local_fleet import LocalFleet  # noqa: PLC0415
-    from armadico.agents.fleet.run import names_of, robots_of  # noqa: PLC0415
-    from armadico.cli.beside import PAGE_ENDS, beside  # noqa: PLC0415 - not for --help
+    from armadico.agents.fleet.local_fleet import LocalFleet
+    from armadico.agents.fleet.run import names_of, robots_of
+    from armadico.cli.beside import PAGE_ENDS, beside
+    from armadico.cli.record import recorder
 
     check_connect(args)
     options.end_as_by_ctrl_c()
-    fleet, joining = fleet_of(args), options.joining(args)
+    fleet, joining = fleet_of(args.mesh), args.mesh.endpoints().words
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
-    page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
+    page = beside(args.mesh, "page", scenario.world, robots, wanted=args.page)
     try:
-        run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args), joining)
-        with page, _recorder(args, scenario, robots), run:
+        run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args.mesh), joining)
+        with page, recorder(args.mesh, args.record, scenario, *robots), run:
             options.say(
                 f"{scenario.name}: starting {len(robots)} robots: {', '.join(robots)}; until it"
                 f" ends well, logs are in {run.table.logs}"
@@ -139,79 +138,59 @@ def _live(
 
 
 def _attached(
-    args: argparse.Namespace,
+    args: Options,
     scenario: Scenario,
-    chosen: Options,
+    chosen: Chosen,
     progress: Callable[[FleetWatch], None],
     _: Callable[[str], None],
 ) -> FleetResult:
-    from armadico.agents.fleet.attached_fleet import AttachedFleet  # noqa: PLC0415
-    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+    from armadico.agents.fleet.attached_fleet import AttachedFleet
+    from armadico.cli.beside import beside
+    from armadico.cli.record import recorder
 
     options.end_as_by_ctrl_c()
     run = AttachedFleet(
-        *(scenario, chosen, args.robots, fleet_of(args), _joiner(args)),
-        scouts=_scouts(args),
+        *(scenario, chosen, args.robots, fleet_of(args.mesh), _joiner(args.mesh)),
+        scouts=_scouts(args.mesh),
         replace=args.replace,
     )
     run.report_to(options.say)
     with run:
         run.find()
         options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
-        page = beside(args, "page", scenario.world, run.names) if args.page else nullcontext()
-        with page, _recorder(args, scenario, run.names):
+        page = beside(args.mesh, "page", scenario.world, run.names, wanted=args.page)
+        with page, recorder(args.mesh, args.record, scenario, *run.names):
             return run.run(progress)
 
 
-def _joiner(args: argparse.Namespace) -> Callable[[str], Mesh]:
+def _joiner(mesh: options.Mesh) -> Callable[[str], Mesh]:
     """Who joins the mesh in a robot's namespace."""
 
     def join(namespace: str) -> Mesh:
-        one = argparse.Namespace(**{**vars(args), "namespace": namespace})
-        mesh = options.join(one, starts=True)  # who is missing, the run says itself
-        mesh.open()
-        return mesh
+        found = mesh.of(namespace).join(starts=True)  # the run reports who is missing
+        found.open()
+        return found
 
     return join
 
 
-def _scouts(args: argparse.Namespace) -> Callable[[], Iterator[Mesh]]:
+def _scouts(mesh: options.Mesh) -> Callable[[], Iterator[Mesh]]:
     """What gives an open mesh for each router of the fleet to which none has been given yet."""
-    from armadico.agents.fleet.run import names_of  # noqa: PLC0415 - not for --help
-    from armadico.mesh.sockets import fleet_here  # noqa: PLC0415
-    from armadico.mesh.topology import topology  # noqa: PLC0415
-    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
+    from armadico.agents.fleet.run import names_of
+    from armadico.mesh.sockets import fleet_here
 
-    where = options.placed(args)
-    named = args.connect or ([] if where is None else where.table.fleet)
-    name, known = names_of(fleet_of(args), 1)[0], set[str]()
+    where = mesh.endpoints()
+    named = where.connect or (() if where.table is None else where.table.fleet)
+    name, known = names_of(fleet_of(mesh), 1)[0], set[str]()
 
     def scouts() -> Iterator[Mesh]:
-        for endpoint in {*named, *(() if args.connect else fleet_here(name))} - known:
+        for endpoint in {*named, *(() if where.connect else fleet_here(name))} - known:
             known.add(endpoint)
-            mesh = ZenohMesh(name, topology(connect=endpoint), starts=True)
-            mesh.open()
-            yield mesh
+            scout = Endpoints(namespace=name, connect=(endpoint,)).mesh(starts=True)
+            scout.open()
+            yield scout
 
     return scouts
-
-
-def _recorded(rehearsal: FleetRehearsal, scenario: Scenario, path: Path) -> Recorded:
-    """What is said in a virtual run, of all robots."""
-    from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
-
-    return recorded(rehearsal.mesh, path, scenario, *rehearsal.names)
-
-
-def _recorder(
-    args: argparse.Namespace, scenario: Scenario, names: Sequence[str]
-) -> AbstractContextManager[None]:
-    """A recorder beside a live run, of all robots."""
-    if args.record is None:
-        return nullcontext()
-    from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
-
-    return recorder(args, args.record, scenario, *names)
 
 
 class _Lines:
@@ -227,8 +206,8 @@ class _Lines:
 
 
 def _table(result: FleetResult, label: str) -> None:
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
 
     table = Table(title=label)
     for column in ("robot", "tasks", "way m", "collisions", "run into", "clearance m"):

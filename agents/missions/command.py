@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options, run, run_options
+from armadico.cli import options, run
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, argument, between, flag, group, option
+from armadico.cli.run_options import Drive, choose
 
 if TYPE_CHECKING:
     from armadico.agents.missions.messages import Board, BoardMission
     from armadico.agents.missions.mission_file import Mission
-    from armadico.mesh.base import Mesh
     from armadico.runtime.client import Client
 
 FIND_S: Final = 3.0
@@ -44,89 +45,66 @@ RUN_EXAMPLES: Final = """\
 WHAT: Final = ("run", "list", "status", "alarms", "cancel", "log")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    what: str = argument("what to do", choices=WHAT)
+    name: str | None = argument("cancel, log: which mission, by name or number", nargs="?")
+    all: bool = flag("cancel: all of them")
+    json: bool = flag("one JSON object, or list, on stdout")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(Drive):
+    mission: str = argument("a shipped mission's name, or a TOML file")
+    priority: float | None = option(
+        "0 to 1, instead of the mission's own", metavar="P", must=between(0, 1)
+    )
+
+
 def main(argv: Sequence[str]) -> int:
     """Do what is asked; `run` gives 0 only if it ended as asked, and nothing was touched."""
-    if argv[:1] == ["run"]:
-        return _run(argv[1:])
-    args = parser().parse_args(argv)
-    doing: dict[str, Callable[[argparse.Namespace], int]] = {
+    return RUN(argv[1:]) if argv[:1] == ["run"] else COMMAND(argv)
+
+
+def _ask(args: Options) -> int:
+    """Do one of what is no run."""
+    doing: dict[str, Callable[[Options], int]] = {
         "list": _list,
-        "status": _status,
+        "status": _missions,
         "alarms": _alarms,
         "cancel": _cancel,
-        "log": _log,
+        "log": _missions,
     }
     return doing[args.what](args)
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command's options; those of `run` are `run_parser`'s."""
-    made = options.parser(
-        "armadico mission",
-        "Missions are procedures of several tasks, in TOML: docs/missions.md. `armadico mission"
-        " run --help` has the options of a run; the others are about the society that is up.",
-        EXAMPLES,
-    )
-    made.add_argument("what", choices=WHAT, help="what to do")
-    made.add_argument("name", nargs="?", help="cancel, log: which mission, by name or number")
-    made.add_argument("--all", action="store_true", help="cancel: all of them")
-    made.add_argument("--json", action="store_true", help="one JSON object, or list, on stdout")
-    options.add_mesh_options(made)
-    return made
-
-
-def run_parser() -> argparse.ArgumentParser:
-    """The options of `armadico mission run`."""
-    made = options.parser(
-        "armadico mission run",
-        "Have a mission done and measure it, as `armadico run` drives to a goal. It ends with the"
-        " mission, or at its time limit: --for, or the mission's own, or an hour.",
-        RUN_EXAMPLES,
-    )
-    made.add_argument("mission", help="a shipped mission's name, or a TOML file")
-    run_options.add_options(made)
-    made.add_argument(
-        "--priority", type=float, metavar="P", help="0 to 1, instead of the mission's own"
-    )
-    made.set_defaults(goal=None)
-    return made
 
 
 # A run --------------------------------------------------------------------------------------------
 
 
-def _run(argv: Sequence[str]) -> int:
-    args = run_parser().parse_args(argv)
-    if args.priority is not None and not 0.0 <= args.priority <= 1.0:
-        raise UsageError(f"--priority {args.priority:g}: from 0 to 1")
-    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415 - not for --help
+def _run(args: RunOptions) -> int:
+    from armadico.agents.missions.mission_file import load_mission
+    from armadico.config.shipped import find
 
-    mission = load_mission(args.mission)
+    mission, found = load_mission(args.mission), str(find("missions", args.mission).resolve())
     if args.scenario is None and args.world is None:
         if mission.scenario is None:
             raise UsageError(
                 f"{mission.name} names no scenario: say one (armadico mission run"
                 f" {args.mission} house), or --world MAP --start X Y DEG"
             )
-        args.scenario = mission.scenario
+        args = replace(args, scenario=mission.scenario)
     with run.answering(args):
-        scenario, chosen = run_options.choose(args, somewhere=False, mission=_path(args.mission))
+        scenario, chosen = choose(args, somewhere=False, mission=found)
         return run.drive(args, scenario, chosen)
-
-
-def _path(named: str) -> str:
-    """A mission as it is found from anywhere."""
-    from armadico.config.shipped import find  # noqa: PLC0415 - not for --help
-
-    return str(find("missions", named).resolve())
 
 
 # Those that there are -----------------------------------------------------------------------------
 
 
-def _list(args: argparse.Namespace) -> int:
-    from armadico.agents.missions.mission_file import load_mission  # noqa: PLC0415 - not for --help
-    from armadico.config.shipped import names  # noqa: PLC0415
+def _list(args: Options) -> int:
+    from armadico.agents.missions.mission_file import load_mission
+    from armadico.config.shipped import names
 
     found = [load_mission(name) for name in names("missions")]
     if args.json:
@@ -151,26 +129,32 @@ def _plain(mission: Mission) -> dict[str, object]:
 # Those of a society that is up --------------------------------------------------------------------
 
 
-def _status(args: argparse.Namespace) -> int:
-    with options.joined(args) as mesh:
-        board = _board(_client(mesh))
-        missions = () if board is None else board.missions
-        if args.json:
-            print(json.dumps([told(mission) for mission in missions]))
-            return 0
-        for mission in missions:
-            print(words(mission))
-        if board is not None and board.alarms:
-            print(options.shown(f"alarms: {', '.join(board.alarms)}"))
-        if not missions:
-            print("no missions")
+def _missions(args: Options) -> int:
+    """`status`: those of the board, and the alarms; `log`: with the result of each step."""
+    with args.mesh.client() as client:
+        board = _board(client)
+    missions: Sequence[BoardMission] = () if board is None else board.missions
+    log = args.what == "log"
+    if log and args.name is not None:
+        missions = _chosen(missions, args.name)
+    if args.json:
+        print(json.dumps([told(mission) for mission in missions]))
+        return 0
+    for mission in missions:
+        print(words(mission))
+        for result in mission.course.results if log else ():
+            print(f"  {result.at:8.1f} s  {options.shown(str(result))}")
+    if board is not None and board.alarms and not log:
+        print(options.shown(f"alarms: {', '.join(board.alarms)}"))
+    if not missions:
+        print("no missions")
     return 0
 
 
-def _alarms(args: argparse.Namespace) -> int:
+def _alarms(args: Options) -> int:
     """The alarms that are remembered; apart from `status`, whose list is of missions."""
-    with options.joined(args) as mesh:
-        board = _board(_client(mesh))
+    with args.mesh.client() as client:
+        board = _board(client)
     rooms = () if board is None else board.alarms
     checked = {room: board is not None and room not in board.unchecked for room in rooms}
     if args.json:
@@ -183,32 +167,14 @@ def _alarms(args: argparse.Namespace) -> int:
     return 0
 
 
-def _log(args: argparse.Namespace) -> int:
-    with options.joined(args) as mesh:
-        board = _board(_client(mesh))
-        missions = () if board is None else board.missions
-        chosen = _chosen(missions, args.name) if args.name is not None else list(missions)
-        if args.json:
-            print(json.dumps([told(mission) for mission in chosen]))
-            return 0
-        for mission in chosen:
-            print(words(mission))
-            for result in mission.course.results:
-                print(f"  {result.at:8.1f} s  {options.shown(str(result))}")
-        if not chosen:
-            print("no missions")
-    return 0
-
-
-def _cancel(args: argparse.Namespace) -> int:
+def _cancel(args: Options) -> int:
     if (args.name is None) == (not args.all):
         raise UsageError("cancel: which mission, by name or number? or --all")
-    from armadico.agents.missions.messages import MissionCancel  # noqa: PLC0415
-    from armadico.mobile.messages import MissionReply  # noqa: PLC0415
-    from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
+    from armadico.agents.missions.messages import MissionCancel
+    from armadico.mobile.messages import MissionReply
+    from armadico.runtime.errors import AbsentError
 
-    with options.joined(args) as mesh:
-        client = _client(mesh)
+    with args.mesh.client() as client:
         numbers = [0]
         if args.name is not None:
             board = _board(client)
@@ -220,17 +186,11 @@ def _cancel(args: argparse.Namespace) -> int:
             request = MissionCancel(number, "armadico mission cancel")
             reply = client.ask(request, ANSWER_S, patience=FIND_S)
             if not isinstance(reply, MissionReply):
-                raise AbsentError("no agent that takes missions is alive", mesh.namespace)
+                raise AbsentError("no agent that takes missions is alive", client.mesh.namespace)
             if reply.refusal:
                 raise FailedError(options.shown(reply.refusal))
     print(json.dumps({"cancelled": numbers}) if args.json else "cancelled")
     return 0
-
-
-def _client(mesh: Mesh) -> Client:
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
-
-    return Client(mesh)
 
 
 def _board(client: Client) -> Board | None:
@@ -238,9 +198,9 @@ def _board(client: Client) -> Board | None:
 
     Raises AbsentError if nobody who plans missions is alive.
     """
-    from armadico.agents.missions.messages import Board, MissionProposal  # noqa: PLC0415 - not for --help
-    from armadico.core.services import service_of  # noqa: PLC0415
-    from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
+    from armadico.agents.missions.messages import Board, MissionProposal
+    from armadico.core.services import service_of
+    from armadico.runtime.errors import AbsentError
 
     client.listen(Board)
     board = client.wait_for(lambda: client.latest(Board), FIND_S)
@@ -254,7 +214,7 @@ def _chosen(missions: Sequence[BoardMission], named: str) -> list[BoardMission]:
     """Those of a name or a number. Raises FailedError with the nearest name."""
     found = [m for m in missions if named in (m.name, str(m.mission))]
     if not found:
-        from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
+        from armadico.config.errors import advice
 
         known = advice(named, {mission.name for mission in missions})
         raise FailedError(f"no mission {named!r} on the board; {options.shown(known)}")
@@ -288,3 +248,26 @@ def told(mission: BoardMission) -> dict[str, object]:
         "elapsed_s": round(mission.course.elapsed, 3),
         "results": results,
     }
+
+
+COMMAND: Final = Command(
+    "armadico mission",
+    Options,
+    _ask,
+    "Missions are procedures of several tasks, in TOML: docs/missions.md. `armadico mission"
+    " run --help` has the options of a run; the others are about the society that is up.",
+    EXAMPLES,
+)
+
+RUN: Final = Command(
+    "armadico mission run",
+    RunOptions,
+    _run,
+    "Have a mission done and measure it, as `armadico run` drives to a goal. It ends with the"
+    " mission, or at its time limit: --for, or the mission's own, or an hour.",
+    RUN_EXAMPLES,
+    run.refused,
+)
+
+parser = COMMAND.parser
+"""The options; those of `run` are `RUN`'s."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options, run, run_options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, option
+from armadico.cli.run import answering, drive, refused
+from armadico.cli.run_options import Drive, choose
 
 if TYPE_CHECKING:
     from armadico.agents.missions.messages import ExploreRequest
@@ -28,41 +29,28 @@ FARTHEST: Final = 1e6
 """A place farther away cannot be said on the mesh, m."""
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options(Drive):
+    within: tuple[float, float, float, float] | None = option(
+        "the rectangle to explore, m (default: the world's)", metavar=("X1", "Y1", "X2", "Y2")
+    )
+    map: Path | None = option("where the map goes: .yaml or .map", metavar="FILE")
+    resume: str | None = option("a map that was saved, .yaml, to go on with", metavar="FILE")
+
+
+def run(args: Options) -> int:
     """Explore; 0 only if all that can be reached is known, and it is back, and touched nothing."""
-    args = parser().parse_args(argv)
-    from armadico.config.scenarios import exploring  # noqa: PLC0415 - not for --help
+    from armadico.config.scenarios import exploring
 
-    with run.answering(args):
+    with answering(args):
         _check(args)
-        scenario, chosen = run_options.choose(args, somewhere=False)
-        return run.drive(args, exploring(scenario, args.within), chosen)
+        if args.resume is not None:
+            args = replace(args, resume=str(Path(args.resume).resolve()))
+        scenario, chosen = choose(args, somewhere=False)
+        return drive(args, exploring(scenario, args.within), chosen)
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico explore",
-        "Drive to one frontier of the map after another until nothing is unknown that can be"
-        " reached, in a world that no agent is told, and then back. The agents mapping and explore"
-        " take part, path-planning does not. The pose is believed as it is: with an odometry that"
-        " drifts the map drifts, too.",
-        EXAMPLES,
-    )
-    run_options.add_options(made)
-    made.set_defaults(goal=None)
-    made.add_argument(
-        "--within",
-        nargs=4,
-        type=float,
-        metavar=("X1", "Y1", "X2", "Y2"),
-        help="the rectangle to explore, m (default: the world's)",
-    )
-    made.add_argument("--map", metavar="FILE", type=Path, help="where the map goes: .yaml or .map")
-    made.add_argument("--resume", metavar="FILE", help="a map that was saved, .yaml, to go on with")
-    return made
-
-
-def _check(args: argparse.Namespace) -> None:
+def _check(args: Options) -> None:
     """Raises UsageError, ConfigError or FailedError before anything moves."""
     if args.within is not None:
         x1, y1, x2, y2 = args.within
@@ -72,10 +60,9 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--resume is for whoever starts the mapping agent; --attach starts nobody")
     if args.map is None and args.resume is None:
         return
-    from armadico.config import grid_map  # noqa: PLC0415 - heavy
+    from armadico.config import grid_map
 
     if args.resume is not None:
-        args.resume = str(Path(args.resume).resolve())
         grid_map.read(args.resume)
     if args.map is not None:
         if args.runs is not None:
@@ -91,10 +78,23 @@ def _check(args: argparse.Namespace) -> None:
 
 def exploration(scenario: Scenario) -> ExploreRequest:
     """What sends the robot off to explore a scenario's world, of which it knows the bounds only."""
-    from armadico.agents.missions.messages import ExploreRequest  # noqa: PLC0415 - not for --help
-    from armadico.config.worlds import load_world  # noqa: PLC0415
-    from armadico.mobile.messages import Waypoint  # noqa: PLC0415
+    from armadico.agents.missions.messages import ExploreRequest
+    from armadico.config.worlds import load_world
+    from armadico.mobile.messages import Waypoint
 
     assert scenario.goal is not None, "it ends somewhere"
     within = scenario.within or load_world(scenario.world).bounds
     return ExploreRequest(*within, Waypoint(*scenario.goal))
+
+
+main: Final = Command(
+    "armadico explore",
+    Options,
+    run,
+    "Drive to one frontier of the map after another until nothing is unknown that can be"
+    " reached, in a world that no agent is told, and then back. The agents mapping and explore"
+    " take part, path-planning does not. The pose is believed as it is: with an odometry that"
+    " drifts the map drifts, too.",
+    EXAMPLES,
+    refused,
+)

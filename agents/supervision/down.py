@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import time
-from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options
-from armadico.cli.options import FailedError
+from armadico.cli.options import NAMESPACE_HELP, FailedError
+from armadico.cli.parsing import Command, option
+from armadico.mesh.topology import checked_namespace, default_namespace
 
 if TYPE_CHECKING:
     from armadico.launch.pidfile import Share
@@ -32,11 +32,18 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    namespace: str = option(NAMESPACE_HELP, metavar="NS", factory=default_namespace)
+    host: str | None = option("this host's share only (default: all)", metavar="H")
+    hosts: str | None = option(
+        "the shares of this host table's hosts only (default: all)", metavar="TABLE"
+    )
+
+
+def run(args: Options) -> int:
     """Have it end, and wait until it has; 0 also if there was nothing."""
-    args = parser().parse_args(argv)
-    from armadico.launch.pidfile import shares  # noqa: PLC0415 - not for --help
-    from armadico.mesh.topology import checked_namespace  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import shares
 
     namespace = checked_namespace(args.namespace)
     try:
@@ -55,11 +62,11 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _hosts(args: argparse.Namespace) -> list[str]:
+def _hosts(args: Options) -> list[str]:
     """The hosts whose shares are meant; none: all. Raises ConfigError."""
     if args.hosts is None:
         return [args.host] if args.host else []
-    from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
+    from armadico.config.hosts import load_hosts
 
     table = load_hosts(args.hosts)
     if args.host:
@@ -69,9 +76,9 @@ def _hosts(args: argparse.Namespace) -> list[str]:
 
 def _end_orphans(namespace: str) -> list[str]:
     """End the processes of a run whose launcher is gone; their names, in the order of ending."""
-    import psutil  # noqa: PLC0415 - not for --help
+    import psutil
 
-    from armadico.launch.processes import SIMULATOR, orphans, owns_wheels  # noqa: PLC0415
+    from armadico.launch.processes import SIMULATOR, orphans, owns_wheels
 
     found = orphans(namespace)
     ended: list[str] = []
@@ -89,26 +96,10 @@ def _end_orphans(namespace: str) -> list[str]:
     return ended
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico down",
-        "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"
-        " machines' shares are theirs. What an `armadico run` has left that was killed ends, too;"
-        " agents that were started by hand do not.",
-        EXAMPLES,
-    )
-    options.add_namespace_option(made)
-    made.add_argument("--host", metavar="H", help="this host's share only (default: all)")
-    made.add_argument(
-        "--hosts", metavar="TABLE", help="the shares of this host table's hosts only (default: all)"
-    )
-    return made
-
-
 def _end(share: Share) -> None:
     """Raises FailedError if it may not be ended, or does not end."""
-    from armadico.launch.pidfile import PidFile  # noqa: PLC0415 - not for --help
-    from armadico.mesh.sockets import is_held  # noqa: PLC0415
+    from armadico.launch.pidfile import PidFile
+    from armadico.mesh.sockets import is_held
 
     path = PidFile(share.namespace, share.host).path
     try:
@@ -125,3 +116,14 @@ def _end(share: Share) -> None:
             )
         time.sleep(LOOK_S)
     print(f"{share.host} is down: {', '.join(share.agents)}")
+
+
+main: Final = Command(
+    "armadico down",
+    Options,
+    run,
+    "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"
+    " machines' shares are theirs. What an `armadico run` has left that was killed ends, too;"
+    " agents that were started by hand do not.",
+    EXAMPLES,
+)

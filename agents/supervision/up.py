@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
-from armadico.cli.run_options import POSE, pose
+from armadico.cli.options import FailedError, Mesh, UsageError
+from armadico.cli.parsing import (
+    POSE,
+    Command,
+    argument,
+    at_least,
+    flag,
+    group,
+    more_than,
+    option,
+    several,
+)
+from armadico.cli.run_options import X_Y_DEG, pose
 from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
+from armadico.mesh.endpoints import Endpoints
 
 if TYPE_CHECKING:
     from types import FrameType
 
     from armadico.agents.supervision.supervisor import Plan
-    from armadico.cli.places import Place
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
     from armadico.launch.society import Member
@@ -40,11 +51,43 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    scenario: str | None = argument(
+        "a mission, or a scenario: only its agents, set as it says (default: the host's, as is)",
+        nargs="?",
+        metavar="MISSION",
+    )
+    seed: int | None = option("of the simulator, if it starts one", metavar="N")
+    parameters: str | None = option("a set of agents' parameters, or a file", metavar="SET")
+    set: tuple[str, ...] = several(
+        "one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE"
+    )
+    more: tuple[str, ...] = several(
+        "one more, whoever else has it; may be repeated", "--with", metavar="AGENT"
+    )
+    without: tuple[str, ...] = several("leave one out", metavar="AGENT")
+    start: tuple[float, float, float] | None = option(
+        "where this robot starts, if not where the scenario has it", metavar=X_Y_DEG, must=POSE
+    )
+    robot: str | None = option("the controller, instead of the host entry's", metavar="URL")
+    restarts: int = option(
+        "give up after (default %(default)s)", default=5, metavar="N", must=at_least(0)
+    )
+    within: float = option(
+        "in so many s (default %(default)s)", default=30.0, metavar="S", must=more_than(0)
+    )
+    journal: bool = flag(
+        "the agents publish what enters and leaves them, so that a recording can be replayed"
+    )
+    page: bool = flag("serve the control page as well, until this ends; the link is printed")
+    mesh: Mesh = group(Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
     """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
-    args = parser().parse_args(argv)
     scenario = _started(args, _scenario(args))
-    where = _place(args, scenario)
+    where = _place(args.mesh, scenario)
     with _signals() as received:
         try:
             _keep(args, where, scenario)
@@ -55,100 +98,36 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico up",
-        "Start this machine's share of a society, as the host table has it, and keep it up: who"
-        " ends is started again, so many times in so many seconds. The mission is somebody else's:"
-        " armadico run SCENARIO --attach, or armadico goto.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "scenario",
-        nargs="?",
-        metavar="MISSION",
-        help="a mission, or a scenario: only its agents, set as it says (default: the host's, as"
-        " is)",
-    )
-    made.add_argument("--seed", type=int, metavar="N", help="of the simulator, if it starts one")
-    made.add_argument("--parameters", metavar="SET", help="a set of agents' parameters, or a file")
-    made.add_argument(
-        "--set",
-        metavar="AGENT.KEY=VALUE",
-        action="append",
-        default=[],
-        help="one parameter of one agent; may be repeated",
-    )
-    made.add_argument(
-        "--with",
-        dest="more",
-        metavar="AGENT",
-        action="append",
-        default=[],
-        help="one more, whoever else has it; may be repeated",
-    )
-    made.add_argument(
-        "--without", metavar="AGENT", action="append", default=[], help="leave one out"
-    )
-    made.add_argument(
-        "--start", **POSE, help="where this robot starts, if not where the scenario has it"
-    )
-    made.add_argument("--robot", metavar="URL", help="the controller, instead of the host entry's")
-    made.add_argument(
-        "--restarts", type=int, default=5, metavar="N", help="give up after (default %(default)s)"
-    )
-    made.add_argument(
-        "--within", type=float, default=30.0, metavar="S", help="in so many s (default %(default)s)"
-    )
-    made.add_argument(
-        "--journal",
-        action="store_true",
-        help="the agents publish what enters and leaves them, so that a recording can be replayed",
-    )
-    made.add_argument(
-        "--page",
-        action="store_true",
-        help="serve the control page as well, until this ends; the link is printed",
-    )
-    options.add_mesh_options(made)
-    return made
+def _place(mesh: Mesh, scenario: Scenario | None) -> Endpoints:
+    """Which host this is; if no table says so, one that runs all agents."""
+    where = mesh.endpoints(passing=False)
+    if where.table is not None:
+        return where
+    if where.connect:
+        raise UsageError("--connect says nothing of who runs here; name --hosts")
+    from msgspec.structs import replace
+
+    from armadico.config.hosts import HostTable, load_hosts
+    from armadico.launch.society import names
+
+    name = socket.gethostname()  # as its agents call it, to whom no table is given either
+    host = load_hosts().host("localhost")
+    taking = () if scenario is None else names(scenario)
+    host = replace(host, agents=tuple(dict.fromkeys((*taking, *host.agents))))
+    return Endpoints(namespace=where.namespace, table=HostTable({name: host}), name=name)
 
 
-def _place(args: argparse.Namespace, scenario: Scenario | None) -> Place:
-    """Which host this is; if nothing else is said, one that runs everybody."""
-    if args.restarts < 0 or not args.within > 0:
-        raise UsageError(
-            f"--restarts {args.restarts} --within {args.within:g}: at least 0, and more than 0 s"
-        )
-    where = options.placed(args, passing=False)
-    if where is None:
-        from msgspec.structs import replace  # noqa: PLC0415 - not for --help
-
-        from armadico.cli.places import Place  # noqa: PLC0415
-        from armadico.config.hosts import HostTable, load_hosts  # noqa: PLC0415
-        from armadico.launch.society import names  # noqa: PLC0415
-
-        if args.connect:
-            raise UsageError("--connect says nothing of who runs here; name --hosts")
-        name = socket.gethostname()  # as its agents call it, to whom no table is given either
-        host = load_hosts().host("localhost")
-        taking = () if scenario is None else names(scenario)
-        host = replace(host, agents=tuple(dict.fromkeys((*taking, *host.agents))))
-        where = Place(HostTable({name: host}), name)
-    return where
-
-
-def _scenario(args: argparse.Namespace) -> Scenario | None:
+def _scenario(args: Options) -> Scenario | None:
     """What is to be done: a mission in its own scenario, by the least society, or a scenario."""
     if args.scenario is None:
         return None
-    from armadico.config.scenarios import load_scenario, on_mission  # noqa: PLC0415 - for --help
-    from armadico.launch.society import least  # noqa: PLC0415
+    from armadico.config.scenarios import load_scenario, on_mission
+    from armadico.launch.society import least
 
     if not _is_mission(args.scenario):
         return on_mission(load_scenario(args.scenario))
-    from armadico.config.errands import load_mission  # noqa: PLC0415
-    from armadico.config.shipped import counted_from  # noqa: PLC0415
+    from armadico.config.errands import load_mission
+    from armadico.config.shipped import counted_from
 
     mission = load_mission(args.scenario)
     if mission.scenario is None:
@@ -160,29 +139,29 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
     return least(on_mission(load_scenario(mission.scenario), path))
 
 
-def _started(args: argparse.Namespace, scenario: Scenario | None) -> Scenario | None:
+def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
     """The scenario with the start that is given. Raises UsageError, ConfigError."""
-    from armadico.config.worlds import bare  # noqa: PLC0415 - not for --help
+    from armadico.config.worlds import bare
 
     if scenario is not None and (warning := bare(scenario.world)):
         options.say(warning)
-    start = pose("start", args.start)
+    start = pose(args.start)
     if start is None:
         return scenario
     if scenario is None:
         raise UsageError("--start is in a scenario's world: name one")
-    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+    from msgspec.structs import replace
 
-    from armadico.config.scenarios import scenario_from  # noqa: PLC0415
+    from armadico.config.scenarios import scenario_from
 
     return replace(scenario, start=scenario_from(scenario.world, start, None, scenario.robot).start)
 
 
 def _is_mission(name: str) -> bool:
     """Whether something is a mission's name or file: it has steps, and a scenario has none."""
-    from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
-    from armadico.config.loading import document, read_text  # noqa: PLC0415
-    from armadico.config.shipped import find, names  # noqa: PLC0415
+    from armadico.config.errors import advice
+    from armadico.config.loading import document, read_text
+    from armadico.config.shipped import find, names
 
     missions, scenarios = names("missions"), names("scenarios")
     if name in missions:
@@ -196,37 +175,38 @@ def _is_mission(name: str) -> bool:
     return "steps" in document(read_text(path), path)
 
 
-def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:
-    from armadico.agents.supervision.supervisor import Upkeep  # noqa: PLC0415 - not for --help
-    from armadico.config.discovery import owners  # noqa: PLC0415 - not for --help
-    from armadico.core.resources import WHEELS  # noqa: PLC0415
-    from armadico.core.restart_policy import Budget  # noqa: PLC0415
-    from armadico.launch.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
-    from armadico.runtime.errors import RunFailedError  # noqa: PLC0415
+def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
+    from armadico.agents.supervision.supervisor import Upkeep
+    from armadico.cli.beside import beside
+    from armadico.config.discovery import owners
+    from armadico.core.resources import WHEELS
+    from armadico.core.restart_policy import Budget
+    from armadico.launch.pidfile import PidFile, Share, TakenError
+    from armadico.runtime.errors import RunFailedError
 
     plan = _plan(args, where, scenario)
-    # The local table without options: as agents without options, in the namespace's own mesh.
-    given = args.host is not None or args.hosts is not None or options.HOSTS_VARIABLE in os.environ
     has_robot = any(owners((member.name for member in plan.members), WHEELS))
-    mesh = options.join_at(args, where if given else None, starts=has_robot)
+    mesh = where.mesh(starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
     budget = Budget(args.restarts, args.within)
     try:
         with (
-            PidFile(args.namespace, plan.host) as pid_file,
+            PidFile(where.namespace, plan.host) as pid_file,
             mesh,
-            _page(args, scenario),
+            beside(
+                args.mesh, "page", None if scenario is None else scenario.world, wanted=args.page
+            ),
             Upkeep(plan, mesh, _say, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)
             pid_file.write(
-                Share(os.getpid(), plan.host, args.namespace, running, str(upkeep.table.logs))
+                Share(os.getpid(), plan.host, where.namespace, running, str(upkeep.table.logs))
             )
             _say(f"{plan.host}: starting {names}; logs are in {upkeep.table.logs}")
             upkeep.start()
             upkeep.keep(_ready(plan.host, names))
     except TakenError as error:
-        raise FailedError(_taken(args.namespace, plan.host, error.share)) from None
+        raise FailedError(_taken(where.namespace, plan.host, error.share)) from None
     except RunFailedError as error:
         raise FailedError(
             f"{plan.host}: {error}\neverything of {plan.host} was ended; logs are in"
@@ -236,46 +216,38 @@ def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         raise FailedError(f"cannot keep a file that says what is up: {error}") from None
 
 
-def _page(args: argparse.Namespace, scenario: Scenario | None) -> AbstractContextManager[None]:
-    """The control page beside the society, if it is asked for. Raises FailedError."""
-    if not args.page:
-        return nullcontext()
-    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
-
-    return beside(args, "page", None if scenario is None else scenario.world)
-
-
-def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> Plan:
+def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     """What is to be up here. Raises UsageError, ConfigError or UnknownNameError."""
-    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+    from msgspec.structs import replace
 
-    from armadico.agents.supervision.supervisor import Plan  # noqa: PLC0415
-    from armadico.config.discovery import owners  # noqa: PLC0415
-    from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
-    from armadico.config.scenarios import Scenario  # noqa: PLC0415
-    from armadico.core.resources import WHEELS  # noqa: PLC0415
-    from armadico.launch.society import Options, names, needed, share, spare  # noqa: PLC0415
+    from armadico.agents.supervision.supervisor import Plan
+    from armadico.config.discovery import owners
+    from armadico.config.hosts import nobodys, robot_fault, serial_port
+    from armadico.config.scenarios import Scenario
+    from armadico.core.resources import WHEELS
+    from armadico.launch.society import Options as Chosen
+    from armadico.launch.society import names, needed, share, spare
 
-    assert where.name is not None, "an agent's place has a name"
-    host = where.table.host(where.name)
+    assert where.table is not None, "an agent is on a host of one"
+    host, own = where.host, str(where.name)
     if args.robot is not None:
         if fault := robot_fault(args.robot):
             raise UsageError(f"--robot {args.robot!r}: {fault}")
         host = replace(host, robot=args.robot)
     _check_names(args, where, host)
     seed = args.seed if args.seed is not None else (scenario.seed if scenario else 0)
-    chosen = Options(
+    chosen = Chosen(
         seed=seed,
         parameters=args.parameters,
-        without=tuple(args.without),
-        namespace=args.namespace,
+        without=args.without,
+        namespace=where.namespace,
     )
     members = share(scenario, chosen, host, args.more)
     if not members:
-        raise UsageError(f"nothing of {args.scenario or 'the table'} is {where.name}'s to start")
+        raise UsageError(f"nothing of {args.scenario or 'the table'} is {own}'s to start")
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:
-        raise UsageError(f"--robot {args.robot}: {where.name} starts no robot agent here")
+        raise UsageError(f"--robot {args.robot}: {own} starts no robot agent here")
     lacking = nobodys(names(scenario), where.table) if scenario else ()
     if lacking:
         _say(f"{args.scenario} needs what no host of {where.table.file} runs: {', '.join(lacking)}")
@@ -286,12 +258,12 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
     if port is not None and not port.exists():
         _say(f"there is no {port} yet; the robot agent looks for it until the adapter is there")
     return Plan(
-        where.name,
-        args.namespace,
+        own,
+        where.namespace,
         _set(args, members),
         simulated,
         seed,
-        tuple(_joining(args, where)),
+        tuple(where.words),
         host.together,
         spare(scenario, chosen, host, where.table),
         needed(scenario, chosen, where.table),
@@ -299,13 +271,13 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
     )
 
 
-def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
+def _check_names(args: Options, where: Endpoints, host: Host) -> None:
     """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
-    from armadico.config.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
-    from armadico.config.lines import line_of  # noqa: PLC0415
-    from armadico.config.loading import read_text  # noqa: PLC0415
+    from armadico.config.discovery import AGENTS, find
+    from armadico.config.lines import line_of
+    from armadico.config.loading import read_text
 
-    file = where.table.file
+    file = "" if where.table is None else where.table.file
     for index, name in enumerate(host.agents):
         try:
             find(AGENTS, name)
@@ -317,11 +289,11 @@ def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
         find(AGENTS, name)
 
 
-def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, ...]:
+def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
     """The members with what `--set` says. Raises ConfigError if an agent would refuse its own."""
     found = tuple(_with_sets(member, args.set, members) for member in members)
     if args.set or args.parameters is not None:  # else nobody has written any
-        from armadico.launch.society import check  # noqa: PLC0415 - not for --help
+        from armadico.launch.society import check
 
         check(found)
     return found
@@ -329,7 +301,7 @@ def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, .
 
 def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
     """A member with what `--set` says of it. Raises UsageError for a name that is not here."""
-    from armadico.launch.society import Member  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import Member
 
     mine = []
     for setting in sets:
@@ -344,17 +316,8 @@ def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -
     return Member(member.name, (*member.sets, *mine))
 
 
-def _joining(args: argparse.Namespace, where: Place) -> list[str]:
-    """The options by which the processes find the mesh, and know which host they are on."""
-    if args.host is None and args.hosts is None and options.HOSTS_VARIABLE not in os.environ:
-        return []
-    assert where.name is not None, "an agent's place has a name"
-    table = ["--hosts", str(Path(where.table.file).resolve()), "--host", where.name]
-    return table + [word for endpoint in args.connect for word in ("--connect", endpoint)]
-
-
 def _taken(namespace: str, host: str, share: object) -> str:
-    from armadico.launch.pidfile import Share  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import Share
 
     by = f"process {share.pid}" if isinstance(share, Share) else "another process"
     return (
@@ -400,3 +363,14 @@ def _signals() -> Iterator[list[int]]:
 
 def _say(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
+
+
+main: Final = Command(
+    "armadico up",
+    Options,
+    run,
+    "Start this machine's share of a society, as the host table has it, and keep it up: who"
+    " ends is started again, so many times in so many seconds. The mission is somebody else's:"
+    " armadico run SCENARIO --attach, or armadico goto.",
+    EXAMPLES,
+)

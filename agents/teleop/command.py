@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import getpass
 import os
 import re
@@ -14,13 +13,15 @@ import socket
 import sys
 import termios
 import tty
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.beside import Helpers
+from armadico.cli.parsing import Command, flag, group
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ class Hand:
 
     def stick(self, cycle: Cycle, wish: tuple[float, float] | None) -> Stick | None:
         """What to publish, if anything; `cycle` is the newest that was heard of the robot."""
-        from armadico.agents.teleop.messages import Stick  # noqa: PLC0415 - not for --help
+        from armadico.agents.teleop.messages import Stick
 
         if wish is None:
             if not self._on:
@@ -143,16 +144,21 @@ class Hand:
         return Stick(cycle, self.name, self._number, v, w, self._on)
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    no_start: bool = flag("start no agent here")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise options.UsageError(
             "the keys of a terminal are the stick, and this is none; programs publish teleop/stick"
         )
-    mesh = options.join(args)
-    from armadico.agents.teleop.messages import TeleopStatus  # noqa: PLC0415 - not for --help
-    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
-    from armadico.runtime.client import Client  # noqa: PLC0415
+    mesh = args.mesh.join()
+    from armadico.agents.teleop.messages import TeleopStatus
+    from armadico.core.messages import RobotState
+    from armadico.runtime.client import Client
 
     with mesh, ExitStack() as stack:
         client = Client(mesh)
@@ -165,20 +171,6 @@ def main(argv: Sequence[str]) -> int:
         with _raw(sys.stdin.fileno()):
             _drive(client, Hand(f"{_person()}-{secrets.token_hex(4)}"), sys.stdin.fileno())
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico teleop",
-        "Drive the robot by hand. While a key is pressed, this hand contends for the wheels; when"
-        " it is released the others have them back. It does not drive into what is known to be in"
-        " the way. Who takes the stick is an agent: if there is none, it is started here, for as"
-        " long as this runs.\n\nkeys:\n" + KEYS,
-        EXAMPLES,
-    )
-    made.add_argument("--no-start", action="store_true", help="start no agent here")
-    options.add_mesh_options(made)
-    return made
 
 
 def _person() -> str:
@@ -195,23 +187,23 @@ def _person() -> str:
 
 def _somebody_takes_it(client: Client) -> bool:
     """Whether an agent is alive that listens to sticks, whatever it is called."""
-    from armadico.agents.teleop.messages import Stick  # noqa: PLC0415 - not for --help
-    from armadico.core.services import service_of  # noqa: PLC0415
+    from armadico.agents.teleop.messages import Stick
+    from armadico.core.services import service_of
 
     key = service_of(Stick).key
     return any(card is not None and key in card.requests for card in client.cards().values())
 
 
 @contextmanager
-def _started(args: argparse.Namespace, client: Client) -> Iterator[None]:
+def _started(args: Options, client: Client) -> Iterator[None]:
     """An agent that takes it, for as long as this lasts. Raises FailedError."""
-    from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
+    from armadico.config.scenarios import society
 
     name = society().by_hand
     print(f"nobody takes a stick: the agent {name} is started here", flush=True)
-    with Helpers(args) as helpers:
-        helpers.start(args.namespace, name)
-        _await(client, helpers.processes[args.namespace, name], name)
+    with Helpers(args.mesh) as helpers:
+        helpers.start(args.mesh.namespace, name)
+        _await(client, helpers.processes[args.mesh.namespace, name], name)
         yield
 
 
@@ -277,7 +269,7 @@ def _drive(client: Client, hand: Hand, terminal: int) -> None:
 
 
 def _heard(client: Client) -> RobotState | None:
-    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import RobotState
 
     return client.fresh(RobotState)
 
@@ -300,8 +292,8 @@ def _ordered(client: Client, hand: Hand, order: Order) -> str:
 
 def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     """What the robot does, and whose hand it is."""
-    from armadico.agents.teleop.messages import TeleopStatus  # noqa: PLC0415
-    from armadico.core.hands import remedy  # noqa: PLC0415 - not for --help
+    from armadico.agents.teleop.messages import TeleopStatus
+    from armadico.core.hands import remedy
 
     if state is None:
         return "nothing is heard of the robot"
@@ -323,3 +315,15 @@ def _show(keys: Keys, text: str) -> None:
     width = shutil.get_terminal_size().columns
     line = options.shown(f"{keys.share:4.0%}  {text}")[: max(width - 1, 1)]
     print(f"\r{line}\x1b[K", end="", flush=True)
+
+
+main: Final = Command(
+    "armadico teleop",
+    Options,
+    run,
+    "Drive the robot by hand. While a key is pressed, this hand contends for the wheels; when"
+    " it is released the others have them back. It does not drive into what is known to be in"
+    " the way. Who takes the stick is an agent: if there is none, it is started here, for as"
+    " long as this runs.\n\nkeys:\n" + KEYS,
+    EXAMPLES,
+)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
+from armadico.cli.parsing import Command, argument, flag, group, option, several
 from armadico.config.discovery import AGENTS, agent_class, installed, owners
 
 if TYPE_CHECKING:
@@ -31,50 +32,48 @@ EXAMPLES: Final = """\
 LOG_FORMAT: Final = "%(asctime)s.%(msecs)03d {name} %(levelname)s %(message)s"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one agent; returns only if it could not begin, or only a list was wanted."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    return options.guarded("armadico-agent", lambda: _main(arguments))
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    names: tuple[str, ...] = argument("which agents; see --list", nargs="*", metavar="NAME")
+    list: bool = flag("the agents that are installed")
+    json: bool = flag("with --list: a JSON array")
+    config: str | None = option("its parameters, in TOML", metavar="FILE")
+    set: tuple[str, ...] = several(
+        "one parameter, over the file's; AGENT.KEY=VALUE of several; may be repeated",
+        metavar="KEY=VALUE",
+    )
+    journal: bool = flag("publish what enters and leaves it, so that a recording can be replayed")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
-def _main(arguments: Sequence[str]) -> int:
-    made = parser()
-    args = made.parse_args(arguments)
+def run(args: Options) -> int:
+    """Serve; returns only if only a list was wanted."""
     if args.list:
         _list(as_json=args.json)
         return 0
     if not args.names:
-        made.error("which agent? `armadico-agent --list` shows them")
+        raise UsageError("which agent? `armadico-agent --list` shows them")
     with _signals_held():
         return _serve(args)
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico-agent",
-        "Run an agent. It finds the others, and shares with them whatever it competes for. Several"
-        " share one process: what they publish for each other does not leave it, and one that fails"
-        " ends them all.",
-        EXAMPLES,
-    )
-    made.add_argument("names", nargs="*", metavar="NAME", help="which agents; see --list")
-    made.add_argument("--list", action="store_true", help="the agents that are installed")
-    made.add_argument("--json", action="store_true", help="with --list: a JSON array")
-    made.add_argument("--config", metavar="FILE", help="its parameters, in TOML")
-    made.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="one parameter, over the file's; AGENT.KEY=VALUE of several; may be repeated",
-    )
-    made.add_argument(
-        "--journal",
-        action="store_true",
-        help="publish what enters and leaves it, so that a recording can be replayed",
-    )
-    options.add_mesh_options(made)
-    return made
+COMMAND: Final = Command(
+    "armadico-agent",
+    Options,
+    run,
+    "Run an agent. It finds the others, and shares with them whatever it competes for. Several"
+    " share one process: what they publish for each other does not leave it, and one that fails"
+    " ends them all.",
+    EXAMPLES,
+)
+
+parser = COMMAND.parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one agent; returns only if it could not begin, or only a list was wanted."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    return options.guarded("armadico-agent", lambda: COMMAND(arguments))
 
 
 def _list(*, as_json: bool) -> None:
@@ -104,43 +103,41 @@ def _signals_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(args: argparse.Namespace) -> int:
+def _serve(args: Options) -> int:
     kinds = [agent_class(name) for name in args.names]
-    from armadico.core.agent import DeviceAgent  # noqa: PLC0415 - not for --help
-    from armadico.core.resources import WHEELS  # noqa: PLC0415
-    from armadico.runtime.blame import blaming  # noqa: PLC0415
-    from armadico.runtime.port_reader import open_port  # noqa: PLC0415
-    from armadico.runtime.process import identity, serve  # noqa: PLC0415
+    from armadico.core.agent import DeviceAgent
+    from armadico.core.resources import WHEELS
+    from armadico.runtime.blame import blaming
+    from armadico.runtime.port_reader import open_port
+    from armadico.runtime.process import identity, serve
 
     parameters = [_parameters(kind, args) for kind in kinds]
-    where = options.placed(args, passing=False)
-    router = any(owners(args.names, WHEELS))
-    mesh = options.join_at(args, where, router=router, starts=True)
+    where = args.mesh.endpoints(passing=False)
+    mesh = where.mesh(router=any(owners(args.names, WHEELS)), starts=True)
     logging.basicConfig(
         level=logging.INFO,
         stream=sys.stderr,
         format=LOG_FORMAT.format(name="+".join(args.names)),
         datefmt="%H:%M:%S",
     )
-    host = None if where is None else where.name
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
         with blaming(kind):
-            agents.append(kind(identity(kind.name, host), values))
+            agents.append(kind(identity(kind.name, where.name), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}
     serve(agents, mesh, connect, head=_head() if args.journal else None)
 
 
 def _head() -> Callable[[Agent], bytes]:
-    from armadico.observe.journals import head  # noqa: PLC0415 - only who keeps one needs it
+    from armadico.observe.journals import head
 
     return head
 
 
-def _parameters(kind: type[Agent], args: argparse.Namespace) -> Any:
+def _parameters(kind: type[Agent], args: Options) -> Any:
     """What is set of one agent: of several, each setting names whose it is."""
-    from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
+    from armadico.config.loading import load_parameters
 
     if len(args.names) == 1:
         return load_parameters(kind.parameters, args.config, args.set)

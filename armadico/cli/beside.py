@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -12,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError
+from armadico.cli.options import FailedError, Mesh
 
 if TYPE_CHECKING:
     from armadico.launch.processes import Process
@@ -33,31 +32,36 @@ LEAVE_S: Final = 10.0
 
 @contextmanager
 def beside(
-    args: argparse.Namespace,
+    mesh: Mesh,
     command: str,
     world: str | None,
     namespaces: Sequence[str] = (),
     *,
+    wanted: bool = True,
     wait: bool = False,
 ) -> Iterator[None]:
     """A process that serves a run or a society, and ends with it; its link is printed.
 
     Args:
-        args: The run's: with the options of the mesh.
+        mesh: The options of the run's mesh.
         command: One of `PORTS`.
         world: The world that is drawn, by name or path; None: none.
         namespaces: The run's robots; by default the one of the options.
+        wanted: Whether it is; else nothing is started.
         wait: Until somebody looks; and afterwards it stays until Ctrl-C.
 
     Raises:
         FailedError: It did not start, and has said why on stderr.
     """
-    from armadico.launch.processes import command_line  # noqa: PLC0415 - not for --help
-    from armadico.runtime.programs import Program, end  # noqa: PLC0415
+    if not wanted:
+        yield
+        return
+    from armadico.launch.processes import command_line
+    from armadico.runtime.programs import Program, end
 
-    words = [command, STARTING, *PORTS[command], *options.joining(args)]
+    words = [command, STARTING, *PORTS[command], *mesh.endpoints().words]
     words += [] if world is None else [f"--world={world}"]
-    words += [f"--namespace={name}" for name in namespaces or (args.namespace,)]
+    words += [f"--namespace={name}" for name in namespaces or (mesh.namespace,)]
     process = Program(command, command_line(words), None, listen=True)
     try:
         said = process.line()  # ends with the process, if that fails
@@ -84,9 +88,9 @@ class Helpers:
         processes: The newest of each, by namespace and name.
     """
 
-    def __init__(self, args: argparse.Namespace) -> None:
-        """None is started yet; `args` has the options of the mesh that they join."""
-        self._joining = options.joining(args)
+    def __init__(self, mesh: Mesh) -> None:
+        """None is started yet; `mesh` is what they join."""
+        self._joining = mesh.endpoints().words
         self._folder = TemporaryDirectory(prefix="armadico-helpers-")
         self.processes: dict[tuple[str, str], Process] = {}
 
@@ -94,7 +98,7 @@ class Helpers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        from armadico.launch.processes import end_in_order  # noqa: PLC0415 - not for --help
+        from armadico.launch.processes import end_in_order
 
         with suppress(KeyboardInterrupt):
             end_in_order([*self.processes.values()])
@@ -102,7 +106,7 @@ class Helpers:
 
     def start(self, namespace: str, name: str) -> str:
         """Start one, unless it runs already; returns why it ended the last time, or nothing."""
-        from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
+        from armadico.launch.processes import Process
 
         known = self.processes.get((namespace, name))
         if known is not None and not known.ended():

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 from typing import Final
 
 import shtab
 
-from armadico.cli import options
+from armadico.cli.parsing import ArgumentParser, Command, argument, together
 from armadico.config.discovery import COMMANDS, Found, installed
 
 EXAMPLES: Final = """\
@@ -22,42 +20,39 @@ EXAMPLES: Final = """\
 SHELLS: Final = ("bash", "zsh", "fish")
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    shell: str = argument("which shell", choices=SHELLS)
+
+
+def run(args: Options) -> int:
     print(shtab.complete(everything(), args.shell))
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico completion",
-        "Print a script that has a shell complete commands, options and their values. It is made"
-        " from the commands that are installed, other packages' too.",
-        EXAMPLES,
-    )
-    made.add_argument("shell", choices=SHELLS, help="which shell")
-    return made
-
-
-def everything() -> argparse.ArgumentParser:
+def everything() -> ArgumentParser:
     """One parser with all commands that are installed, each with its own options."""
-    made = argparse.ArgumentParser(prog="armadico")
-    commands = made.add_subparsers()
-    for name, found in installed(COMMANDS).items():
-        parents = [each for each in (_parser_of(found),) if each is not None]
-        for parent in parents:
-            for action in parent._actions:
-                if action.type is Path:
-                    action.complete = shtab.FILE  # type: ignore[attr-defined]
-        commands.add_parser(name, help=found.summary, parents=parents, add_help=not parents)
-    return made
+    found = [(name, each.summary, parser_of(each)) for name, each in installed(COMMANDS).items()]
+    return together("armadico", found, shtab.FILE)
 
 
-def _parser_of(found: Found) -> argparse.ArgumentParser | None:
-    """What its module's `parser` makes; somebody else's command may have none."""
+def parser_of(found: Found) -> ArgumentParser | None:
+    """The parser of a command; one of another package may have none."""
     try:
-        make = getattr(import_module(found.module), "parser", None)
+        module = import_module(found.module)
     except ImportError:
         return None
+    command = getattr(module, "main", None)
+    make = getattr(command, "parser", None) or getattr(module, "parser", None)
     made = make() if callable(make) else None
-    return made if isinstance(made, argparse.ArgumentParser) else None
+    return made if isinstance(made, ArgumentParser) else None
+
+
+main: Final = Command(
+    "armadico completion",
+    Options,
+    run,
+    "Print a script that has a shell complete commands, options and their values. It is made"
+    " from the commands that are installed, other packages' too.",
+    EXAMPLES,
+)

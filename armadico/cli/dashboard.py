@@ -5,13 +5,13 @@ One process that subscribes to the mesh; no agent notices whether it runs, is sl
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.beside import STARTING
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, flag, group, option
 from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
@@ -46,18 +47,34 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    web: bool = flag("a page for a browser (the default)", either="where")
+    native: bool = flag("a window of its own", either="where")
+    headless: bool = flag("nothing to see: serve and record", either="where")
+    record: Path | None = option("keep it in a file, too", metavar="FILE.rrd")
+    world: str | None = option("draw the walls of this world", metavar="MAP")
+    port: int = option(
+        f"of the data, 0: one that is free (default: {PORT})", default=PORT, metavar="P"
+    )
+    web_port: int = option(
+        f"of the page, 0: one that is free (default: {WEB_PORT})", default=WEB_PORT, metavar="P"
+    )
+    no_open: bool = flag("do not open a browser")
+    starting: bool = flag(None, STARTING)
+    mesh: options.Meshes = group(options.Meshes, "the mesh")
+
+
+def run(args: Options) -> int:
     """Show what happens until Ctrl-C."""
-    args = parser().parse_args(argv)
-    namespaces = options.namespaces(args)
     _check_installed()
     _quiet()
-    worlds = dict.fromkeys(namespaces, options.world(args))
+    world = options.world_of(args.world)
     _check_record("--record", args.record)
-    from armadico.observe.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard.viewer import ViewerError
 
     try:
-        return _show(args, worlds)
+        return _show(args, world)
     except ViewerError as error:
         raise FailedError(str(error)) from None
 
@@ -70,53 +87,20 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     _check_installed()
     _quiet()
     _check_record("--rrd", path)
-    from armadico.observe.dashboard.virtual_run import Rehearsed  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard.virtual_run import Rehearsed
 
     return Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones())
 
 
 def zones() -> Zones:
     """The borders that agents installed here have around the robot, as avoid (thesis 3.5.2)."""
-    from armadico.config.discovery import AGENTS, agent_class, installed  # noqa: PLC0415
+    from armadico.config.discovery import AGENTS, agent_class, installed
 
     found: dict[str, Callable[[float], float]] = {}
     for name in installed(AGENTS):
         with suppress(ImportError):  # somebody else's, and broken: not ours to mend
             found |= agent_class(name).borders
     return found
-
-
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico dashboard",
-        "Show a society live in Rerun: the global and the local map, and utilities over time."
-        " Everything is served on this machine's loopback only.",
-        EXAMPLES,
-    )
-    where = made.add_mutually_exclusive_group()
-    where.add_argument("--web", action="store_true", help="a page for a browser (the default)")
-    where.add_argument("--native", action="store_true", help="a window of its own")
-    where.add_argument("--headless", action="store_true", help="nothing to see: serve and record")
-    made.add_argument("--record", metavar="FILE.rrd", type=Path, help="keep it in a file, too")
-    made.add_argument("--world", metavar="MAP", help="draw the walls of this world")
-    made.add_argument(
-        "--port",
-        type=int,
-        default=PORT,
-        metavar="P",
-        help=f"of the data, 0: one that is free (default: {PORT})",
-    )
-    made.add_argument(
-        "--web-port",
-        type=int,
-        default=WEB_PORT,
-        metavar="P",
-        help=f"of the page, 0: one that is free (default: {WEB_PORT})",
-    )
-    made.add_argument("--no-open", action="store_true", help="do not open a browser")
-    made.add_argument(STARTING, action="store_true", help=argparse.SUPPRESS)
-    options.add_mesh_options(made, several=True)
-    return made
 
 
 def _check_installed() -> None:
@@ -149,21 +133,22 @@ def _check_record(option: str, path: Path | None) -> None:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
 
 
-def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
+def _show(args: Options, world: World | None) -> int:
     """Join, serve, show; everything is down again when this returns."""
-    from armadico.observe.dashboard import viewer  # noqa: PLC0415 - not for --help
-    from armadico.observe.dashboard.live import Live  # noqa: PLC0415
-    from armadico.observe.dashboard.scene import Scene  # noqa: PLC0415
-    from armadico.observe.dashboard.server import close, serve  # noqa: PLC0415
+    from armadico.observe.dashboard import viewer
+    from armadico.observe.dashboard.live import Live
+    from armadico.observe.dashboard.scene import Scene
+    from armadico.observe.dashboard.server import close, serve
 
     port = viewer.checked_port(args.port, "--port")
+    meshes = args.mesh.join_each(starts=args.starting)
+    spaces = [mesh.namespace for mesh in meshes]
     with ExitStack() as stack:
-        recording, uri = serve(worlds, port, args.record)
+        recording, uri = serve(dict.fromkeys(spaces, world), port, args.record)
         stack.callback(close, recording)
-        joining = options.join_each(args, list(worlds), starts=args.starting)
-        meshes = [stack.enter_context(mesh) for mesh in joining]
-        spaces = [mesh.namespace for mesh in meshes]
-        scenes = [Scene(recording, worlds[space], space, zones()) for space in spaces]
+        for mesh in meshes:
+            stack.enter_context(mesh)
+        scenes = [Scene(recording, world, space, zones()) for space in spaces]
         live = Live(meshes, scenes, options.teller("armadico dashboard"))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: live.stop())
@@ -185,9 +170,9 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
     return 0
 
 
-def _open(args: argparse.Namespace, uri: str) -> Viewer | None:
+def _open(args: Options, uri: str) -> Viewer | None:
     """Whatever shows it; says where."""
-    from armadico.observe.dashboard import viewer  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard import viewer
 
     if args.headless:
         print(f"dashboard: no window; a viewer may connect to {uri}", flush=True)
@@ -203,3 +188,13 @@ def _open(args: argparse.Namespace, uri: str) -> Viewer | None:
     if not args.no_open and has_screen(os.environ):
         webbrowser.open(address)
     return served
+
+
+main: Final = Command(
+    "armadico dashboard",
+    Options,
+    run,
+    "Show a society live in Rerun: the global and the local map, utilities and holders over"
+    " time. Everything is served on this machine's loopback only.",
+    EXAMPLES,
+)

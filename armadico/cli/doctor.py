@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -14,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, flag, group
 from armadico.config.discovery import providers
-from armadico.mesh.topology import MeshError, TopologyError
+from armadico.mesh.topology import HOSTS_VARIABLE, MeshError, TopologyError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
@@ -61,11 +61,16 @@ class Finding:
     todo: str = ""
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    json: bool = flag("a JSON array on stdout")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
     """Check; 1 if something is wrong."""
-    args = parser().parse_args(argv)
     findings = []
-    for finding in examine(args):
+    for finding in examine(args.mesh):
         findings.append(finding)
         if not args.json:
             _show(finding)
@@ -77,24 +82,12 @@ def main(argv: Sequence[str]) -> int:
     return options.FAILED if wrong else 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico doctor",
-        "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
-        " from working; then the exit code is 1.",
-        EXAMPLES,
-    )
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    options.add_mesh_options(made)
-    return made
-
-
-def examine(args: argparse.Namespace) -> Iterator[Finding]:
+def examine(asked: options.Mesh) -> Iterator[Finding]:
     yield from versions()
     yield from port()
-    yield from router(args)
-    heard = yield from mesh(args)
-    named = yield from hosts(args)
+    yield from router(asked.namespace)
+    heard = yield from mesh(asked)
+    named = yield from hosts(asked)
     yield clocks({**dict.fromkeys(named), **heard})
     yield from serial_ports()
     yield from graphics()
@@ -160,20 +153,20 @@ def _is_off(requirement: str, has: str) -> bool:
     return bool(exact) and "*" not in asked and asked != has
 
 
-def router(args: argparse.Namespace) -> Iterator[Finding]:
+def router(namespace: str) -> Iterator[Finding]:
     """Whether sockets can be made here, and which process is the namespace's router."""
-    import psutil  # noqa: PLC0415 - not for --help
+    import psutil
 
-    from armadico.mesh.sockets import holder, socket_of  # noqa: PLC0415
+    from armadico.mesh.sockets import holder, socket_of
 
     try:
-        path = socket_of(args.namespace)
+        path = socket_of(namespace)
     except TopologyError as error:
         yield Finding("socket", WRONG, str(error))
         return
     there = holder(path)
     if there is None:
-        yield Finding("socket", OK, f"{path}: no router of {args.namespace!r} on this machine")
+        yield Finding("socket", OK, f"{path}: no router of {namespace!r} on this machine")
         return
     try:
         words = called(psutil.Process(there.pid).cmdline())
@@ -192,7 +185,7 @@ def port() -> Iterator[Finding]:
 
 def listener(port: int) -> str | None:
     """Who has a TCP port of this machine, to listen or to serve its client; None: nobody."""
-    import psutil  # noqa: PLC0415 - not for --help
+    import psutil
 
     # A simulator that is driven listens no more, and one that is not would take a probe for its
     # client: so nothing is connected to.
@@ -256,19 +249,18 @@ def graphics() -> Iterator[Finding]:
 # The mesh -----------------------------------------------------------------------------------------
 
 
-def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float | None]]:
+def mesh(asked: options.Mesh) -> Generator[Finding, None, dict[str, float | None]]:
     """Whether it can be joined, who is there, and whether they speak the same protocol.
 
     Returns the machines that agents say they are on, and how far their clocks are ahead (s).
     """
-    where = options.placed(args)
-    joined = options.join_at(args, where, starts=True)
-    from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
-    from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
-    from armadico.observe.standing import standing  # noqa: PLC0415
-    from armadico.observe.view import View  # noqa: PLC0415
-    from armadico.observe.watching import Watcher, listen  # noqa: PLC0415
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+    joined = asked.join(starts=True)
+    from armadico.core.resources import WHEELS
+    from armadico.observe.hosts import census
+    from armadico.observe.standing import standing
+    from armadico.observe.view import View
+    from armadico.observe.watching import Watcher, listen
+    from armadico.runtime.client import Client
 
     try:
         with joined:
@@ -292,12 +284,12 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         what = f"{', '.join(strangers)}: in this namespace, and no simulator of its robot"
         yield Finding("sim/truth", WRONG, what, "end it, or give it its own --namespace")
     if not cards:
-        yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", BEGIN)
+        yield Finding("mesh", NOTE, f"no agent is alive in namespace {asked.namespace!r}", BEGIN)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents")
     has_robot = any(card and WHEELS.name in card.owns for card in cards.values())
     if has_robot or view.cut_since is not None:
-        yield stands(standing(view, now, providers, options.agents_by_host(args)))
+        yield stands(standing(view, now, providers, asked.agents_by_host()))
     yield from () if view.state is None else robot(view.state, view.level)
     yield from () if view.pose is None else (pose(view.pose),)
     yield from monitors(view.reports.values())
@@ -306,7 +298,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     yield from _faults(answered)
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
-        what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
+        what = f"{len(robots)} robot agents in namespace {asked.namespace!r}"
         yield Finding(WHEELS.name, WRONG, what, "give each robot its own --namespace")
     for key, whose in View.of(cards).doubled.items():
         what = f"is published by {' and '.join(whose)}: who receives both is misled"
@@ -316,7 +308,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
 
 def _unheard(cards: Mapping[tuple[str, str], Card | None]) -> Iterator[Finding]:
     """Who is alive and does not answer, or speaks another protocol."""
-    from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import PROTOCOL
 
     for (name, instance), card in cards.items():
         if card is None:
@@ -340,7 +332,7 @@ def _faults(cards: Iterable[Card]) -> Iterator[Finding]:
 
 def stands(found: Standing) -> Finding:
     """Whether the robot stands, and why: of what is wrong, down to who is missing."""
-    from armadico.observe.standing import AS_ASKED, AT_FAULT  # noqa: PLC0415 - not for --help
+    from armadico.observe.standing import AS_ASKED, AT_FAULT
 
     cause, what = found.cause, " ".join(found.sentences)
     if cause is None or cause.sort in AS_ASKED:
@@ -350,7 +342,7 @@ def stands(found: Standing) -> Finding:
 
 def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Finding]:
     """What the robot's battery has, and what its controller's line is like."""
-    from armadico.observe.view import battery  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import battery
 
     if level is not None and level.share < LOW_SHARE and not state.charging:
         todo = "drive it into a dock, or plug a charger in"
@@ -387,7 +379,7 @@ def monitors(reports: Iterable[MonitorReport]) -> Iterator[Finding]:
 
 def pose(known: Pose) -> Finding:
     """How well the robot knows where it is."""
-    from armadico.mobile.behaviour import LOST_M  # noqa: PLC0415 - not for --help
+    from armadico.mobile.behaviour import LOST_M
 
     if not known.covariance:
         todo = "with an agent that localizes it on a map it would be known"
@@ -399,16 +391,16 @@ def pose(known: Pose) -> Finding:
     return Finding("pose", OK, off)
 
 
-def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
+def hosts(asked: options.Mesh) -> Generator[Finding, None, set[str]]:
     """Each machine of the host table, if one was named: whether its router answers.
 
     Returns the names of those machines.
     """
-    named = args.hosts or os.environ.get(options.HOSTS_VARIABLE)
-    if args.host is None and named is None:
+    named = asked.hosts or os.environ.get(HOSTS_VARIABLE)
+    if asked.host is None and named is None:
         yield Finding("hosts", OK, "no host table asked for: this machine alone")
         return set()
-    from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
+    from armadico.config.hosts import load_hosts
 
     table = load_hosts(named).hosts
     for name, host in table.items():
@@ -421,7 +413,7 @@ def clocks(offsets: Mapping[str, float | None]) -> Finding:
 
     `offsets` says how far each machine's clock is ahead of this one's, s; None: it was not heard.
     """
-    from armadico.observe.hosts import SKEW_S  # noqa: PLC0415 - not for --help
+    from armadico.observe.hosts import SKEW_S
 
     known = {name: offset for name, offset in offsets.items() if offset is not None}
     off = {name: offset for name, offset in known.items() if abs(offset) > SKEW_S}
@@ -444,7 +436,7 @@ def clocks(offsets: Mapping[str, float | None]) -> Finding:
 def _host(name: str, host: Host) -> Finding:
     if host.router is None:
         return Finding(f"host {name}", OK, "connects to the robot's router")
-    from armadico.mesh.sockets import answers  # noqa: PLC0415 - not for --help
+    from armadico.mesh.sockets import answers
 
     if answers(host.router, REACH_S):
         return Finding(f"host {name}", OK, f"answers on {host.router}")
@@ -454,3 +446,13 @@ def _host(name: str, host: Host) -> Finding:
         f"nobody answers on {host.router}",
         f"is it up there (armadico up --host {name})? does a firewall stand between?",
     )
+
+
+main: Final = Command(
+    "armadico doctor",
+    Options,
+    run,
+    "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
+    " from working; then the exit code is 1.",
+    EXAMPLES,
+)

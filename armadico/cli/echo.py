@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
 import time
-from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Heard, Watcher
@@ -29,10 +30,46 @@ EXAMPLES: Final = """\
 _CHUNK: Final = re.compile(r"\*\*|\*|(?:[^*$#?\s]|\$\*)+")
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    mesh = options.join(args)
-    from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
+def key_expression(text: str) -> str:
+    """A pattern of keys that Zenoh understands. Raises BadValueError."""
+    chunks = text.split("/")
+    if not all(_CHUNK.fullmatch(chunk) for chunk in chunks):
+        raise BadValueError(
+            f"{text!r} is no key expression; one looks like robot/state, resource/*/utility or"
+            " log/**: parts between single slashes, none of them empty, * or ** alone in a part"
+        )
+    if any(a == b == "**" for a, b in pairwise(chunks)):
+        raise BadValueError(f"{text!r} is no key expression: one ** is enough")
+    return text
+
+
+def count(text: str) -> int:
+    """How many. Raises BadValueError."""
+    if not text.isdecimal() or int(text) < 1:
+        raise BadValueError(f"{text!r}: expected a number from 1")
+    return int(text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listening:
+    """The options of a command that listens to keys."""
+
+    pattern: str = argument(
+        "such as robot/state or 'log/**'", metavar="KEYEXPR", read=key_expression
+    )
+    count: int | None = option("end after N messages", "-n", metavar="N", read=count)
+    timeout: float | None = options.timeout_option("give up after so long without a message")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Listening):
+    json: bool = flag("one JSON object a line, for programs")
+
+
+def run(args: Options) -> int:
+    mesh = args.mesh.join()
+    from armadico.observe.watching import Heard, Watcher
 
     with mesh:
         watcher = Watcher([mesh])
@@ -44,70 +81,29 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico echo",
-        "Print messages published on matching keys: * matches one part of a key, ** any number of"
-        " them. What is no message of the table of services is shown as bytes.",
-        EXAMPLES,
-    )
-    add_pattern(made)
-    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
-    return made
-
-
-def key_expression(text: str) -> str:
-    """A pattern of keys that Zenoh understands, for argparse."""
-    chunks = text.split("/")
-    if not all(_CHUNK.fullmatch(chunk) for chunk in chunks):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no key expression; one looks like robot/state, resource/*/utility or"
-            " log/**: parts between single slashes, none of them empty, * or ** alone in a part"
-        )
-    if any(a == b == "**" for a, b in pairwise(chunks)):
-        raise argparse.ArgumentTypeError(f"{text!r} is no key expression: one ** is enough")
-    return text
-
-
-def count(text: str) -> int:
-    """How many, for argparse."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number from 1")
-    return int(text)
-
-
-def add_pattern(made: argparse.ArgumentParser) -> None:
-    """The options of a command that listens to keys."""
-    made.add_argument(
-        "pattern", metavar="KEYEXPR", type=key_expression, help="such as robot/state or 'log/**'"
-    )
-    made.add_argument("-n", dest="count", metavar="N", type=count, help="end after N messages")
-    options.add_timeout(made, "give up after so long without a message")
-    options.add_mesh_options(made)
-
-
-def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
+def take(watcher: Watcher, args: Listening) -> Heard | Any:
     """The next thing heard. Raises an error if nothing comes within ``--timeout``."""
     what = f"nothing is published on {args.pattern}"
     item = watcher.take(min(args.timeout or HINT_S, HINT_S))
     (mesh,) = watcher.meshes
-    if item is None and args.timeout is None:
+    waited = args.timeout or inf
+    if item is None and waited == inf:
         if mesh.wait_joined(0.0):  # else it is reported that there is no robot agent
-            note = f"armadico: {what} (namespace {args.namespace!r}); waiting, Ctrl-C ends it"
+            note = f"armadico: {what} (namespace {args.mesh.namespace!r}); waiting, Ctrl-C ends it"
             print(note, file=sys.stderr)
         while item is None:
             item = watcher.take(60.0)
     elif item is None:
-        item = watcher.take(args.timeout - HINT_S)
+        item = watcher.take(waited - HINT_S)
     if item is None:
-        raise options.absent(mesh, args.timeout, what)
+        raise options.absent(mesh, waited, what)
     return item
 
 
 def told(item: Heard, *, as_json: bool) -> str:
     """What was heard, as a line; `as_json` for programs."""
-    from armadico.core.messages import MessageError  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import as_object, read  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import MessageError
+    from armadico.observe.watching import as_object, read
 
     refused = ""
     try:
@@ -129,7 +125,7 @@ def told(item: Heard, *, as_json: bool) -> str:
 
 def _unknown(data: bytes) -> str:
     """A message that is not in the table of services: another package's, whose fields it knows."""
-    from armadico.core.messages import MessageError, plain_of  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import MessageError, plain_of
 
     try:
         found = words(plain_of(data))
@@ -149,3 +145,13 @@ def words(value: Any) -> str:
         inside = (f"({words(v)})" if isinstance(v, dict) else words(v) for v in value)
         return "[" + ", ".join(inside) + "]"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+main: Final = Command(
+    "armadico echo",
+    Options,
+    run,
+    "Print messages published on matching keys: * matches one part of a key, ** any number of"
+    " them. What is no message of the table of services is shown as bytes.",
+    EXAMPLES,
+)

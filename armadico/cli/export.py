@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import FILE, Command, argument, option
 from armadico.config.discovery import TRANSLATORS, installed
 
 EXAMPLES = """\
@@ -19,12 +19,20 @@ EXAMPLES = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    if not args.file.is_file():
-        raise UsageError(f"{args.file}: no such file")
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    file: Path = argument("the recording", metavar="FILE.mcap", must=FILE)
+    to: str = option("into what", choices=("csv", "rrd", *installed(TRANSLATORS)), required=True)
+    out: Path | None = option("the folder (csv) or file (others) to write", metavar="PATH")
+    namespace: str | None = option("only this robot (default: all)", metavar="NS")
+    world: str | None = option(
+        "with rrd: the walls to draw under it; with ros2: its map", metavar="MAP"
+    )
+
+
+def run(args: Options) -> int:
     options.need("mcap", "record")
-    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
+    from armadico.observe.recordings import RecordingError
 
     try:
         said = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args)
@@ -37,34 +45,13 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico export",
-        "Turn a recording of `armadico record` into something else. One that was cut short is read"
-        " as far as it goes.",
-        EXAMPLES,
-    )
-    made.add_argument("file", metavar="FILE.mcap", type=Path, help="the recording")
-    made.add_argument(
-        "--to", choices=("csv", "rrd", *installed(TRANSLATORS)), required=True, help="into what"
-    )
-    made.add_argument(
-        "--out", type=Path, metavar="PATH", help="the folder (csv) or file (others) to write"
-    )
-    made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
-    made.add_argument(
-        "--world", metavar="MAP", help="with rrd: the walls to draw under it; with ros2: its map"
-    )
-    return made
-
-
-def _to_csv(args: argparse.Namespace) -> str:
-    from armadico.observe.export import Tables  # noqa: PLC0415 - not for --help
-    from armadico.observe.recordings import rows  # noqa: PLC0415
+def _to_csv(args: Options) -> str:
+    from armadico.observe.export import Tables
+    from armadico.observe.recordings import rows
 
     folder = _out(args)
     with Tables(folder) as tables:
-        for row in rows(args.file, _warn):
+        for row in rows(args.file, options.teller("armadico export")):
             if args.namespace in (None, row.namespace):
                 tables.take(row)
     if not tables.rows:
@@ -72,26 +59,40 @@ def _to_csv(args: argparse.Namespace) -> str:
     return f"{tables.rows} messages of {len(tables.topics)} topics in {folder}"
 
 
-def _to_rrd(args: argparse.Namespace) -> str:
-    from armadico.cli.dashboard import zones  # noqa: PLC0415 - not for --help
-    from armadico.observe.export import to_rrd  # noqa: PLC0415 - not for --help
+def _to_rrd(args: Options) -> str:
+    from armadico.cli.dashboard import zones
+    from armadico.observe.export import to_rrd
 
     out = _out(args)
     options.need("rerun", "dashboard")
-    count = to_rrd(args.file, out, args.namespace, options.world(args), zones(), _warn)
+    count = to_rrd(
+        args.file,
+        out,
+        args.namespace,
+        options.world_of(args.world),
+        zones(),
+        options.teller("armadico export"),
+    )
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{count} messages in {out}"
 
 
-def _to_others(args: argparse.Namespace) -> str:
-    from armadico.observe.export import translated  # noqa: PLC0415 - not for --help
+def _to_others(args: Options) -> str:
+    from armadico.observe.export import translated
 
     out = _out(args)
     if out.suffix != ".mcap":
         raise UsageError(f"--out {out}: the name of a recording ends with .mcap")
     try:
-        count = translated(args.file, out, args.to, args.namespace, _warn, options.world(args))
+        count = translated(
+            args.file,
+            out,
+            args.to,
+            args.namespace,
+            options.teller("armadico export"),
+            options.world_of(args.world),
+        )
     except FileExistsError:
         raise FailedError(f"{out} exists already; name another file with --out") from None
     if not count:
@@ -100,7 +101,7 @@ def _to_others(args: argparse.Namespace) -> str:
     return f"{count} samples in {out}"
 
 
-def _out(args: argparse.Namespace) -> Path:
+def _out(args: Options) -> Path:
     """What is written, as asked for or beside the recording."""
     beside = {"csv": f"{args.file.stem}-csv", "rrd": f"{args.file.stem}.rrd"}.get(
         args.to, f"{args.file.stem}-{args.to}.mcap"
@@ -109,9 +110,15 @@ def _out(args: argparse.Namespace) -> Path:
     return args.file.with_name(beside) if chosen is None else chosen
 
 
-def _of(args: argparse.Namespace) -> str:
+def _of(args: Options) -> str:
     return "" if args.namespace is None else f" of {args.namespace!r}"
 
 
-def _warn(text: str) -> None:
-    print(f"armadico export: {text}", file=sys.stderr)
+main: Final = Command(
+    "armadico export",
+    Options,
+    run,
+    "Turn a recording of `armadico record` into something else. One that was cut short is read"
+    " as far as it goes.",
+    EXAMPLES,
+)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError
+from armadico.cli.parsing import Command, flag, group, option
 
 PORT: Final = 8765
 """Where Foxglove looks by default."""
@@ -26,17 +26,27 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    namespaces = options.namespaces(args)
-    meshes = options.join_each(args, namespaces)
-    world = options.world(args)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    port: int = options.port_option(PORT)
+    bind: str = options.bind_option("everybody")
+    goals: bool = flag(
+        "take goals, too; from any program that reaches the port, a page in a browser as well"
+    )
+    world: str | None = option("show the walls of this world as the map", metavar="MAP")
+    mesh: options.Meshes = group(options.Meshes, "the mesh")
+
+
+def run(args: Options) -> int:
+    meshes = args.mesh.join_each()
+    namespaces = [mesh.namespace for mesh in meshes]
+    world = options.world_of(args.world)
     if find_spec("foxglove") is None:
         raise FailedError(f"this needs Foxglove's SDK, which is an extra: {INSTALL}")
     options.end_as_by_ctrl_c()
-    from armadico.gateways.foxglove import Served, Server, ServerError  # noqa: PLC0415 - an extra
-    from armadico.gateways.gateway import Gateway, serve  # noqa: PLC0415 - not for --help
-    from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
+    from armadico.gateways.foxglove import Served, Server, ServerError
+    from armadico.gateways.gateway import Gateway, serve
+    from armadico.observe.translators import translators
 
     made = translators(namespaces, dict.fromkeys(namespaces, world))
     goals = {ns: [each.goals.topic for each in made[ns]] if args.goals else [] for ns in namespaces}
@@ -59,19 +69,11 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico foxglove",
-        "Serve a society live to Foxglove: maps, pose, path, sensors and who holds what, with ROS"
-        " 2's types. Ctrl-C ends it.",
-        EXAMPLES,
-    )
-    options.add_serving_options(made, PORT, everybody="everybody")
-    made.add_argument(
-        "--goals",
-        action="store_true",
-        help="take goals, too; from any program that reaches the port, a page in a browser as well",
-    )
-    made.add_argument("--world", metavar="MAP", help="show the walls of this world as the map")
-    options.add_mesh_options(made, several=True)
-    return made
+main: Final = Command(
+    "armadico foxglove",
+    Options,
+    run,
+    "Serve a society live to Foxglove: maps, pose, path, sensors and who holds what, with ROS"
+    " 2's types. Ctrl-C ends it.",
+    EXAMPLES,
+)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, argument, flag, group
 
 if TYPE_CHECKING:
     from armadico.core.messages import Parameter, ParametersReply
@@ -20,13 +21,19 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    """Show what may be changed."""
-    args = parser().parse_args(argv)
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    agent: str = argument("a name, or an instance's id", default="", nargs="?", metavar="AGENT")
+    name: str | None = argument("one parameter", nargs="?", metavar="NAME")
+    json: bool = flag("a JSON array on stdout")
+    timeout: float = options.timeout_option("how long an agent may take to answer", 1.0)
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
 
-    with options.joined(args) as mesh:
-        replies = Client(mesh).parameters(args.agent, args.timeout)
+
+def run(args: Options) -> int:
+    """Show what may be changed."""
+    with args.mesh.client() as client:
+        replies = client.parameters(args.agent, args.timeout)
     rows = [
         (name, instance, row)
         for (name, instance), reply in replies.items()
@@ -45,23 +52,6 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico get",
-        "Show those parameters of agents that may be changed while they are at work: what they are"
-        " now, and what they may be. `armadico set` changes them.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "agent", nargs="?", default="", metavar="AGENT", help="a name, or an instance's id"
-    )
-    made.add_argument("name", nargs="?", metavar="NAME", help="one parameter")
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    options.add_timeout(made, "how long an agent may take to answer", 1.0)
-    options.add_mesh_options(made)
-    return made
-
-
 def plain(agent: str, instance: str, row: Parameter) -> dict[str, Any]:
     """A parameter for programs: its values as JSON has them."""
     return {
@@ -77,9 +67,9 @@ def plain(agent: str, instance: str, row: Parameter) -> dict[str, Any]:
 
 def show(rows: Sequence[tuple[str, str, Parameter]]) -> None:
     """Print a table; one line for each parameter."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("AGENT", "PARAMETER", "VALUE", "UNIT", "BEFORE", "MAY BE"):
@@ -99,9 +89,19 @@ def shown(value: str) -> str:
 
 
 def _unknown(agent: str, name: str, replies: Mapping[Any, ParametersReply]) -> str:
-    from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
+    from armadico.config.errors import advice
 
     known = {row.name for reply in replies.values() for row in reply.parameters}
     if not replies:
         return f"{agent} does not answer"
     return f"{agent} has no parameter {name!r} that may be changed; {advice(name, known)}"
+
+
+main: Final = Command(
+    "armadico get",
+    Options,
+    run,
+    "Show those parameters of agents that may be changed while they are at work: what they are"
+    " now, and what they may be. `armadico set` changes them.",
+    EXAMPLES,
+)

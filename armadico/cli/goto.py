@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -38,15 +39,54 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadValueError(f"{text!r} is no finite number")
+    return value
+
+
+def _metres(text: str) -> float:
+    from armadico.core.messages import LARGEST
+
+    value = _number(text)
+    if abs(value) > LARGEST:
+        raise BadValueError(f"{text!r} m is beyond {LARGEST:g} m, which is no place")
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    x: float = argument("m, in the world frame", read=_metres, metavar="X")
+    y: float = argument("m", read=_metres, metavar="Y")
+    heading: float | None = argument(
+        "degrees, counter-clockwise (default: from where the robot is now towards X Y)",
+        read=_number,
+        nargs="?",
+        metavar="DEG",
+    )
+    direct: bool = flag("straight there, with no plan")
+    start: tuple[float, float, float] | None = option(
+        "where the robot stands now (default: where its pose has it)",
+        "--from",
+        read=_number,
+        metavar=("X", "Y", "DEG"),
+    )
+    timeout: float | None = options.timeout_option("give up waiting after this")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
     """Send the robot to a pose."""
-    args = parser().parse_args(argv)
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+    from armadico.runtime.client import Client
 
     mission = None
     try:
-        with options.joined(args) as mesh, ExitStack() as stack:
-            client, reason = Client(mesh), Reason(mesh, options.agents_by_host(args))
+        with args.mesh.joined() as mesh, ExitStack() as stack:
+            client, reason = Client(mesh), Reason(mesh, args.mesh.agents_by_host())
             mission = _sent(client, args)
             show = _shower(stack, mission.length)
 
@@ -69,8 +109,8 @@ class Reason:
     """Why the robot stands, as `armadico why --live --standing` explains it."""
 
     def __init__(self, mesh: ZenohMesh, hosts: Hosts) -> None:
-        from armadico.observe.view import View  # noqa: PLC0415 - not for --help
-        from armadico.observe.watching import Watcher  # noqa: PLC0415
+        from armadico.observe.view import View
+        from armadico.observe.watching import Watcher
 
         self._watcher, self._view = Watcher([mesh]), View()
         self._hosts = hosts
@@ -81,9 +121,9 @@ class Reason:
 
     def now(self) -> str:
         """The cause and what to do; empty while it moves, or stands as it should."""
-        from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
-        from armadico.observe.standing import AS_ASKED, standing  # noqa: PLC0415
-        from armadico.observe.watching import ASK_S, show  # noqa: PLC0415
+        from armadico.config.discovery import providers
+        from armadico.observe.standing import AS_ASKED, standing
+        from armadico.observe.watching import ASK_S, show
 
         if (now := time.monotonic()) >= self._ask_at:
             self._ask_at = now + ASK_S
@@ -98,10 +138,10 @@ class Reason:
         return options.shown(f"{cause.what} -> {cause.todo}" if cause.todo else cause.what)
 
 
-def _sent(client: Client, args: argparse.Namespace) -> Mission:
+def _sent(client: Client, args: Options) -> Mission:
     """The mission; a society that is only starting is waited for. Raises SocietyError."""
-    from armadico.mobile.messages import Pose  # noqa: PLC0415 - not for --help
-    from armadico.runtime.errors import AbsentError, MissionRefusedError  # noqa: PLC0415
+    from armadico.mobile.messages import Pose
+    from armadico.runtime.errors import AbsentError, MissionRefusedError
 
     client.listen(Pose)
     heading = None if args.heading is None else math.radians(args.heading)
@@ -119,9 +159,9 @@ def _sent(client: Client, args: argparse.Namespace) -> Mission:
             client.wait_for(lambda: None, AGAIN_S)
 
 
-def _starts(client: Client, args: argparse.Namespace) -> bool:
+def _starts(client: Client, args: Options) -> bool:
     """Whether a refusal may be due to agents that are still to come: no pose, or no planner."""
-    from armadico.mobile.messages import PlanRequest, Pose, Waypoint  # noqa: PLC0415
+    from armadico.mobile.messages import PlanRequest, Pose, Waypoint
 
     pose = client.fresh(Pose)
     if pose is None or args.direct:
@@ -130,59 +170,10 @@ def _starts(client: Client, args: argparse.Namespace) -> bool:
     return client.ask(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico goto",
-        "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"
-        " waiting, not the drive.",
-        EXAMPLES,
-    )
-    made.add_argument("x", type=_metres, metavar="X", help="m, in the world frame")
-    made.add_argument("y", type=_metres, metavar="Y", help="m")
-    made.add_argument(
-        "heading",
-        nargs="?",
-        type=_number,
-        metavar="DEG",
-        help="degrees, counter-clockwise (default: from where the robot is now towards X Y)",
-    )
-    made.add_argument("--direct", action="store_true", help="straight there, with no plan")
-    made.add_argument(
-        "--from",
-        dest="start",
-        nargs=3,
-        type=_number,
-        metavar=("X", "Y", "DEG"),
-        help="where the robot stands now (default: where its pose has it)",
-    )
-    options.add_timeout(made, "give up waiting after this")
-    options.add_mesh_options(made)
-    return made
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is no finite number")
-    return value
-
-
-def _metres(text: str) -> float:
-    from armadico.core.messages import LARGEST  # noqa: PLC0415 - not for --help
-
-    value = _number(text)
-    if abs(value) > LARGEST:
-        raise argparse.ArgumentTypeError(f"{text!r} m is beyond {LARGEST:g} m, which is no place")
-    return value
-
-
 def _left_behind(client: Client) -> str:
     """What a robot does that nobody waits for any more, as far as is known."""
-    from armadico.core.hands import release  # noqa: PLC0415 - not for --help
-    from armadico.core.messages import RobotState  # noqa: PLC0415
+    from armadico.core.hands import release
+    from armadico.core.messages import RobotState
 
     state = client.latest(RobotState)
     if state is not None and state.stop.stopped:
@@ -192,8 +183,8 @@ def _left_behind(client: Client) -> str:
 
 
 def _remark(mission: Mission, client: Client, reason: str) -> str:
-    from armadico.core.hands import release  # noqa: PLC0415 - not for --help
-    from armadico.core.messages import RobotState  # noqa: PLC0415
+    from armadico.core.hands import release
+    from armadico.core.messages import RobotState
 
     state, status = client.fresh(RobotState), mission.status
     if state is None:
@@ -210,7 +201,7 @@ def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:
     """A bar on a terminal, a line now and then elsewhere. Takes metres to go and a remark."""
     if not sys.stdout.isatty():
         return _Lines().show
-    from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415 - not for --help
+    from rich.progress import BarColumn, Progress, TextColumn
 
     columns = (BarColumn(), TextColumn("{task.description}", markup=False))
     progress = stack.enter_context(Progress(*columns, transient=True))
@@ -233,3 +224,13 @@ class _Lines:
         if now - self._said_at >= LINE_S:
             self._said_at = now
             print(f"{to_go:.2f} m to go, {remark}", flush=True)
+
+
+main: Final = Command(
+    "armadico goto",
+    Options,
+    run,
+    "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"
+    " waiting, not the drive.",
+    EXAMPLES,
+)

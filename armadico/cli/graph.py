@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, flag, group
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -21,35 +21,25 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    dot: bool = flag("for Graphviz, on stdout", either="how")
+    mermaid: bool = flag("a Mermaid flowchart, on stdout", either="how")
+    json: bool = flag("a JSON object on stdout", either="how")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
 
-    with options.joined(args) as mesh:
-        cards = Client(mesh).cards()
+
+def run(args: Options) -> int:
+    with args.mesh.client() as client:
+        cards = client.cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:
-        raise AbsentError("no agent is alive", args.namespace)
+        raise AbsentError("no agent is alive", args.mesh.namespace)
     _write(args, found)
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico graph",
-        "Agents and keys, from the cards of the agents that are alive. A query's edges go from who"
-        " asks to who answers.",
-        EXAMPLES,
-    )
-    how = made.add_mutually_exclusive_group()
-    how.add_argument("--dot", action="store_true", help="for Graphviz, on stdout")
-    how.add_argument("--mermaid", action="store_true", help="a Mermaid flowchart, on stdout")
-    how.add_argument("--json", action="store_true", help="a JSON object on stdout")
-    options.add_mesh_options(made)
-    return made
-
-
-def _write(args: argparse.Namespace, found: Graph) -> None:
+def _write(args: Options, found: Graph) -> None:
     if args.mermaid:
         print(mermaid(found))
     elif args.dot:
@@ -80,7 +70,7 @@ class Graph:
 
 def graph(cards: Iterable[Card]) -> Graph:
     """The graph of those who have these cards."""
-    from armadico.core.services import Kind, services  # noqa: PLC0415 - not for --help
+    from armadico.core.services import Kind, services
 
     queries = {service.key for service in services() if service.kind is Kind.QUERY}
     agents: set[str] = set()
@@ -102,7 +92,7 @@ def graph(cards: Iterable[Card]) -> Graph:
 
 def _keys_of(resource: str) -> tuple[str, str, str]:
     """Where a resource's claims, commands and acknowledgements travel."""
-    from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
+    from armadico.core.resources import WHEELS
 
     own = f"resource/{resource}"
     commands = WHEELS.command_pattern if resource == WHEELS.name else f"{own}/cmd/*"
@@ -140,3 +130,13 @@ def dot(found: Graph) -> str:
 
 def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+main: Final = Command(
+    "armadico graph",
+    Options,
+    run,
+    "Agents and keys, from the cards of the agents that are alive. A query's edges go from who"
+    " asks to who answers.",
+    EXAMPLES,
+)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.echo import add_pattern, take
+from armadico.cli.echo import Listening, take
+from armadico.cli.parsing import Command, flag
 
 if TYPE_CHECKING:
     from armadico.observe.view import Rate
@@ -23,13 +23,17 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
+@dataclass(frozen=True, kw_only=True)
+class Options(Listening):
+    json: bool = flag("with -n: a JSON array on stdout")
+
+
+def run(args: Options) -> int:
     if args.json and args.count is None:
         raise options.UsageError("--json needs -n N: how many messages to measure")
-    mesh = options.join(args)
-    from armadico.observe.view import Rate  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import Watcher  # noqa: PLC0415
+    mesh = args.mesh.join()
+    from armadico.observe.view import Rate
+    from armadico.observe.watching import Watcher
 
     rates: dict[str, Rate] = {}
     with mesh:
@@ -52,20 +56,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico hz",
-        "The rate of messages on each key: over the last 5 s, beside the rate that the"
-        " table of services promises, and the least, largest and usual gap between two messages.",
-        EXAMPLES,
-    )
-    add_pattern(made)
-    made.add_argument("--json", action="store_true", help="with -n: a JSON array on stdout")
-    return made
-
-
 def _row(key: str, rate: Rate, now: float) -> dict[str, Any]:
-    from armadico.core.services import service_at  # noqa: PLC0415 - not for --help
+    from armadico.core.services import service_at
 
     service, spread = service_at(key), rate.spread()
     return {
@@ -95,3 +87,13 @@ def _show(rates: dict[str, Rate], now: float) -> None:
             f" deviation {deviation}, {row['messages']} messages",
             flush=True,
         )
+
+
+main: Final = Command(
+    "armadico hz",
+    Options,
+    run,
+    "The rate of messages on each key: over the last 5 s, beside the rate that the"
+    " table of services promises, and the least, largest and usual gap between two messages.",
+    EXAMPLES,
+)

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from typing import Final
 
 from armadico.cli import options
+from armadico.cli.parsing import group
 
 TIMEOUT_S: Final = 5.0
 """As in `armadico.runtime.client`, which --help does without."""
 
 
-def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
-    """The options of `armadico stop` and `armadico resume`."""
-    made = options.parser(program, description, examples)
-    options.add_timeout(made, "give up after this", TIMEOUT_S)
-    options.add_mesh_options(made)
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    timeout: float = options.timeout_option("give up after this", TIMEOUT_S)
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
-def latch(args: argparse.Namespace, *, stopped: bool, code: str | None = None) -> int:
+def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     """Publish it until the robot agent acknowledges it; returns the exit code."""
-    mesh = options.join(args)
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
-    from armadico.runtime.errors import AbsentError  # noqa: PLC0415
+    mesh = args.mesh.join()
+    from armadico.runtime.client import Client
+    from armadico.runtime.errors import AbsentError
 
     with mesh:
         client = Client(mesh)

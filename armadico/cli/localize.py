@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite, nan, radians
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import FILE, POSE, Command, Must, argument, between, flag, option, several
 
 if TYPE_CHECKING:
     from armadico.observe.localizing import Chosen, Summary, Track
@@ -31,6 +31,9 @@ PARTS: Final = ("all", "even", "odd", "first", "second")
 MOST_LOST: Final = 0.5
 """If the robot is lost at a larger share of the readings, the map may be of another place."""
 
+TIME: Final = Must(isfinite, "expected s of the log")
+REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
+
 EVENTS: Final = 12
 """Lines on the terminal."""
 
@@ -44,12 +47,62 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    log: Path = argument("the log", metavar="LOG", must=FILE)
+    world: str | None = option(
+        "the map (default: the one that a recording names, else one made of the log)", metavar="MAP"
+    )
+    map_from: str | None = option(
+        "make the map of this part of the log's scans, at the reference poses (default: all)",
+        choices=PARTS,
+    )
+    save_map: Path | None = option("keep that map: .yaml or .map", metavar="FILE")
+    over: str = option("go over this part of the log (default: all)", default="all", choices=PARTS)
+    begin: float | None = option("begin at this time", "--from", metavar="S", must=TIME)
+    end: float | None = option("end at this time", "--to", metavar="S", must=TIME)
+    start: tuple[float, float, float] | None = option(
+        "where the robot is at the first reading: m, m, degrees (default: the reference)",
+        either="start",
+        metavar=("X", "Y", "DEG"),
+        must=POSE,
+    )
+    anywhere: bool = flag("the agent does not know the start", either="start")
+    seed: int = option("seed (default: 0)", default=0, metavar="N")
+    noise: float | None = option(
+        "add errors to the odometry, as a share of ways and turns (default: 0;"
+        f" {NOISE:g} where the odometry is a corrected path)",
+        metavar="SHARE",
+        must=between(0, 1),
+    )
+    profile: str | None = option(
+        f"the robot (default: the one that a recording names, else {PROFILE}); the scanner's"
+        " angles are the log's",
+        metavar="PROFILE",
+    )
+    agent: str | None = option("the agent that corrects the pose", metavar="NAME")
+    parameters: str | None = option("a set of agents' parameters", metavar="SET")
+    sets: tuple[str, ...] = several(
+        "a parameter of that agent; may be repeated", "--set", metavar="KEY=VALUE"
+    )
+    reach: float | None = option(
+        "the scanner's longest range (default: the log's)", metavar="M", must=REACH
+    )
+    corrected: bool | None = flag(
+        "the poses of a CARMEN log are corrected (default: if its name says so, with .gfs or"
+        " corrected, or if they differ from the odometry)",
+        default=None,
+    )
+    namespace: str | None = option("the robot, of a recording of several", metavar="NS")
+    picture: Path | None = option("draw the paths on the map, and the error", metavar="FILE.png")
+    json: bool = flag("one JSON object on stdout")
+
+
+def run(args: Options) -> int:
     """Go through the log; 0 if an estimate was published."""
-    args = parser().parse_args(argv)
     _check(args)
-    from armadico.cli.pool import progress  # noqa: PLC0415 - not for --help
-    from armadico.observe import localizing  # noqa: PLC0415 - heavy
+    from armadico.cli.pool import progress
+    from armadico.observe import localizing
 
     say = options.teller("armadico localize")
     log, noise = _log(args)
@@ -67,7 +120,7 @@ def main(argv: Sequence[str]) -> int:
             track = run.go(step)
         found = localizing.summary(track)
         if args.picture is not None:
-            _draw(args, log, world, track, found)
+            _draw(args.picture, log, world, track, found)
             say(f"picture: {args.picture}")
     if args.json:
         print(json.dumps(_about(args, log, noise, named, chosen, found)))
@@ -79,99 +132,12 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico localize",
-        "Run the localization agent over a log and compare its pose with the log's reference. A log"
-        " is an .npz file, a CARMEN log (also .gz) or a recording of `armadico record`. The same"
-        " log, options and seed give the same numbers.",
-        EXAMPLES,
-    )
-    made.add_argument("log", metavar="LOG", type=Path, help="the log")
-    made.add_argument(
-        "--world",
-        metavar="MAP",
-        help="the map (default: the one that a recording names, else one made of the log)",
-    )
-    made.add_argument(
-        "--map-from",
-        choices=PARTS,
-        help="make the map of this part of the log's scans, at the reference poses (default: all)",
-    )
-    made.add_argument("--save-map", metavar="FILE", type=Path, help="keep that map: .yaml or .map")
-    made.add_argument(
-        "--over", choices=PARTS, default="all", help="go over this part of the log (default: all)"
-    )
-    made.add_argument("--from", dest="begin", type=float, metavar="S", help="begin at this time")
-    made.add_argument("--to", dest="end", type=float, metavar="S", help="end at this time")
-    start = made.add_mutually_exclusive_group()
-    start.add_argument(
-        "--start",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "DEG"),
-        help="where the robot is at the first reading: m, m, degrees (default: the reference)",
-    )
-    start.add_argument("--anywhere", action="store_true", help="the agent does not know the start")
-    made.add_argument("--seed", type=int, default=0, metavar="N", help="seed (default: 0)")
-    made.add_argument(
-        "--noise",
-        type=float,
-        metavar="SHARE",
-        help="add errors to the odometry, as a share of ways and turns (default: 0;"
-        f" {NOISE:g} where the odometry is a corrected path)",
-    )
-    made.add_argument(
-        "--profile",
-        metavar="PROFILE",
-        help=f"the robot (default: the one that a recording names, else {PROFILE}); the scanner's"
-        " angles are the log's",
-    )
-    made.add_argument("--agent", metavar="NAME", help="the agent that corrects the pose")
-    made.add_argument("--parameters", metavar="SET", help="a set of agents' parameters")
-    made.add_argument(
-        "--set",
-        dest="sets",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="a parameter of that agent; may be repeated",
-    )
-    made.add_argument(
-        "--reach", type=float, metavar="M", help="the scanner's longest range (default: the log's)"
-    )
-    made.add_argument(
-        "--corrected",
-        action="store_true",
-        default=None,
-        help="the poses of a CARMEN log are corrected (default: if its name says so, with .gfs or"
-        " corrected, or if they differ from the odometry)",
-    )
-    made.add_argument("--namespace", metavar="NS", help="the robot, of a recording of several")
-    made.add_argument(
-        "--picture", metavar="FILE.png", type=Path, help="draw the paths on the map, and the error"
-    )
-    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
-    return made
-
-
-def _check(args: argparse.Namespace) -> None:
+def _check(args: Options) -> None:
     """Raises UsageError, ConfigError or FailedError."""
-    if not args.log.is_file():
-        raise UsageError(f"{args.log}: no such file")
-    if args.noise is not None and not 0.0 <= args.noise <= 1.0:
-        raise UsageError(f"--noise must be from 0 to 1 (got {args.noise:g})")
-    if args.reach is not None and not 0.0 < args.reach <= 100.0:
-        raise UsageError(f"--reach must be more than 0 and at most 100 (got {args.reach:g})")
-    if args.start is not None and not all(map(isfinite, args.start)):
-        raise UsageError("--start: expected three numbers")
-    for name, value in (("from", args.begin), ("to", args.end)):
-        if value is not None and not isfinite(value):
-            raise UsageError(f"--{name} {value:g}: expected s of the log")
     if args.world is not None and (args.map_from is not None or args.save_map is not None):
         raise UsageError("--map-from and --save-map make a map, and --world names one")
     if args.save_map is not None:
-        from armadico.config.grid_map import check_suffix, check_writable  # noqa: PLC0415 - heavy
+        from armadico.config.grid_map import check_suffix, check_writable
 
         check_suffix(args.save_map)
         try:
@@ -182,9 +148,9 @@ def _check(args: argparse.Namespace) -> None:
         options.need("matplotlib", "plot")
 
 
-def _log(args: argparse.Namespace) -> tuple[Log, float]:
+def _log(args: Options) -> tuple[Log, float]:
     """The log, and the errors that were added to it. Raises LogError, FailedError."""
-    from armadico.observe import logs  # noqa: PLC0415 - heavy
+    from armadico.observe import logs
 
     with args.log.open("rb") as file:
         if file.read(len(logs.MCAP)) == logs.MCAP:
@@ -197,16 +163,16 @@ def _log(args: argparse.Namespace) -> tuple[Log, float]:
     return (logs.with_errors(log, noise, args.seed) if noise else log), noise
 
 
-def _world(args: argparse.Namespace, log: Log, path: Path) -> tuple[str, str]:
+def _world(args: Options, log: Log, path: Path) -> tuple[str, str]:
     """The map for the agent, and what to call it. Raises ConfigError, LogError, OSError."""
     making = args.map_from is not None or args.save_map is not None
     named = args.world or (None if making else log.world)
     if named is not None:
         return named, named
-    from armadico.cli.pool import progress  # noqa: PLC0415 - not for --help
-    from armadico.config import grid_map  # noqa: PLC0415 - heavy
-    from armadico.config.profile import load_profile  # noqa: PLC0415 - heavy
-    from armadico.observe import localizing  # noqa: PLC0415 - heavy
+    from armadico.cli.pool import progress
+    from armadico.config import grid_map
+    from armadico.config.profile import load_profile
+    from armadico.observe import localizing
 
     of = args.map_from or PARTS[0]
     count = len(localizing.mapping(log, of))
@@ -218,9 +184,9 @@ def _world(args: argparse.Namespace, log: Log, path: Path) -> tuple[str, str]:
     return str(path), f"made of {count} scans ({of})"
 
 
-def _check_start(args: argparse.Namespace, world: str) -> None:
+def _check_start(args: Options, world: str) -> None:
     """Raises UsageError if the start is not on the map, ConfigError if there is no such map."""
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
+    from armadico.config.worlds import load_world
 
     if args.start is None:
         return
@@ -230,18 +196,18 @@ def _check_start(args: argparse.Namespace, world: str) -> None:
         raise UsageError(f"--start {x:g} {y:g}: not on the map; expected {on_map}")
 
 
-def _profile(args: argparse.Namespace, log: Log) -> str:
-    from armadico.launch.society import profile_of  # noqa: PLC0415 - heavy
+def _profile(args: Options, log: Log) -> str:
+    from armadico.launch.society import profile_of
 
     return profile_of(args.profile) or log.profile or PROFILE
 
 
-def _agent(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+def _agent(args: Options) -> tuple[str, tuple[str, ...]]:
     """The agent that corrects, and what is set of it. Raises UsageError, ConfigError."""
-    from armadico.config.discovery import agent_class  # noqa: PLC0415 - heavy
-    from armadico.config.loading import load_parameters  # noqa: PLC0415 - heavy
-    from armadico.config.parameters import load_set  # noqa: PLC0415 - heavy
-    from armadico.observe.localizing import correctors  # noqa: PLC0415 - heavy
+    from armadico.config.discovery import agent_class
+    from armadico.config.loading import load_parameters
+    from armadico.config.parameters import load_set
+    from armadico.observe.localizing import correctors
 
     agents = correctors()
     name = args.agent or (agents[0] if len(agents) == 1 else "")
@@ -254,9 +220,9 @@ def _agent(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
     return name, sets
 
 
-def _chosen(args: argparse.Namespace, log: Log) -> Chosen:
+def _chosen(args: Options, log: Log) -> Chosen:
     """How the log is gone through, but for the map. Raises UsageError, ConfigError."""
-    from armadico.observe import localizing  # noqa: PLC0415 - heavy
+    from armadico.observe import localizing
 
     name, sets = _agent(args)
     begin = float("-inf") if args.begin is None else args.begin
@@ -285,16 +251,16 @@ def _chosen(args: argparse.Namespace, log: Log) -> Chosen:
 
 
 def _about(
-    args: argparse.Namespace,
+    args: Options,
     log: Log,
     noise: float,
     named: str,
     chosen: Chosen,
     found: Summary,
 ) -> dict[str, Any]:
-    import msgspec  # noqa: PLC0415 - not for --help
+    import msgspec
 
-    from armadico.observe.conditions import software  # noqa: PLC0415 - not for --help
+    from armadico.observe.conditions import software
 
     return {
         "log": str(args.log),
@@ -315,9 +281,9 @@ def _about(
 
 def _show(log: Log, noise: float, named: str, found: Summary) -> None:
     """A row for each measure, then when the robot was lost and found."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.markup import escape  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415 - not for --help
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
 
     odometry = "real odometry" if log.real else "a corrected path"
     added = f", errors of {noise:g} added" if noise else ""
@@ -367,11 +333,11 @@ def _percent(share: float | None) -> str:
     return f"{100.0 * (share or 0.0):.1f} %"
 
 
-def _draw(args: argparse.Namespace, log: Log, world: str, track: Track, found: Summary) -> None:
+def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> None:
     """The paths on the map, and the error over time."""
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
-    from armadico.observe.localizing import error_m  # noqa: PLC0415 - heavy
-    from armadico.observe.pictures import draw_localized  # noqa: PLC0415 - heavy
+    from armadico.config.worlds import load_world
+    from armadico.observe.localizing import error_m
+    from armadico.observe.pictures import draw_localized
 
     moments = track.moments
     known = [one.reference or (nan, nan, nan) for one in moments]
@@ -388,4 +354,15 @@ def _draw(args: argparse.Namespace, log: Log, world: str, track: Track, found: S
             f" at 95 %, over 0.3 m at {_percent(found.off_share)}; {said}"
         )
     title = f"{log.name}: {found.metres:.0f} m in {found.seconds:.0f} s"
-    draw_localized(load_world(world), paths, errors, lost, (title, said), args.picture)
+    draw_localized(load_world(world), paths, errors, lost, (title, said), picture)
+
+
+main: Final = Command(
+    "armadico localize",
+    Options,
+    run,
+    "Run the localization agent over a log and compare its pose with the log's reference. A log"
+    " is an .npz file, a CARMEN log (also .gz) or a recording of `armadico record`. The same"
+    " log, options and seed give the same numbers.",
+    EXAMPLES,
+)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, argument, flag, group, option
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Heard
@@ -30,34 +31,26 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    agent: str | None = argument("only this agent, by name or id", nargs="?", metavar="AGENT")
+    follow: bool = flag("from now on, until Ctrl-C", "-f", "--follow")
+    level: str = option("with -f: at least", default="debug", choices=tuple(LEVELS))
+    folder: Path | None = option("what a run wrote there", metavar="DIR")
+    timeout: float | None = options.timeout_option("with -f: end after so long")
+    json: bool = flag("one JSON object a line, for programs")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
     if args.follow and args.folder is not None:
         raise UsageError("--folder has what was written; -f follows what is published")
     return _follow(args) if args.follow else _read(args)
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico logs",
-        "The agents' logs. Log lines are events: nobody keeps them, so -f shows what"
-        " is logged from now on. Without -f it reads what the processes of a run on this machine"
-        " wrote. `armadico record` keeps everything.",
-        EXAMPLES,
-    )
-    made.add_argument("agent", nargs="?", metavar="AGENT", help="only this agent, by name or id")
-    made.add_argument("-f", "--follow", action="store_true", help="from now on, until Ctrl-C")
-    made.add_argument("--level", choices=tuple(LEVELS), default="debug", help="with -f: at least")
-    made.add_argument("--folder", type=Path, metavar="DIR", help="what a run wrote there")
-    options.add_timeout(made, "with -f: end after so long")
-    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
-    options.add_mesh_options(made)
-    return made
-
-
-def _follow(args: argparse.Namespace) -> int:
-    mesh = options.join(args)
-    from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
+def _follow(args: Options) -> int:
+    mesh = args.mesh.join()
+    from armadico.observe.watching import Heard, Watcher
 
     with mesh:
         watcher = Watcher([mesh])
@@ -70,10 +63,10 @@ def _follow(args: argparse.Namespace) -> int:
     return 0
 
 
-def _show(args: argparse.Namespace, item: Heard) -> None:
-    from armadico.core.messages import Log  # noqa: PLC0415 - not for --help
-    from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import read_or_none  # noqa: PLC0415
+def _show(args: Options, item: Heard) -> None:
+    from armadico.core.messages import Log
+    from armadico.observe.view import agent_of
+    from armadico.observe.watching import read_or_none
 
     instance = item.key.partition("/")[2]
     message = read_or_none(item)
@@ -95,7 +88,7 @@ def _name(level: int) -> str:
     return (below[-1] if below else "debug").upper()
 
 
-def _read(args: argparse.Namespace) -> int:
+def _read(args: Options) -> int:
     folder = args.folder or _newest()
     if args.folder is None:
         print(f"from {folder}", file=sys.stderr)  # the newest need not be the run that is meant
@@ -132,3 +125,14 @@ def _lines(files: Sequence[Path]) -> Iterator[tuple[str, str, str]]:
             first = line.partition(" ")[0]
             stamp = first if len(first) == 12 and first[2:3] == first[5:6] == ":" else stamp
             yield stamp, file.stem, line
+
+
+main: Final = Command(
+    "armadico logs",
+    Options,
+    run,
+    "The agents' logs. Log lines are events: nobody keeps them, so -f shows what"
+    " is logged from now on. Without -f it reads what the processes of a run on this machine"
+    " wrote. `armadico record` keeps everything.",
+    EXAMPLES,
+)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, argument, group
 
 if TYPE_CHECKING:
     from armadico.runtime.client import Client
@@ -25,36 +25,27 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    from armadico.config.grid_map import check_suffix  # noqa: PLC0415 - heavy
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    what: str = argument("what to do with the map", choices=("save",))
+    file: Path = argument("its name ends in .yaml or .map", metavar="FILE")
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
+    from armadico.config.grid_map import check_suffix
 
     check_suffix(args.file)
-    from armadico.runtime.client import Client  # noqa: PLC0415 - heavy
-
-    with options.joined(args) as mesh:
-        print(save(Client(mesh), args.file))
+    with args.mesh.client() as client:
+        print(save(client, args.file))
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico map",
-        "Ask the mapping agent for its map and save it. `armadico explore --resume` goes on with a"
-        " .yaml; `armadico run --world` drives in either.",
-        EXAMPLES,
-    )
-    made.add_argument("what", choices=("save",), help="what to do with the map")
-    made.add_argument("file", metavar="FILE", type=Path, help="its name ends in .yaml or .map")
-    options.add_mesh_options(made)
-    return made
 
 
 def save(client: Client, file: Path) -> str:
     """Write the map to a file; a line about it. Raises AbsentError, FailedError or ConfigError."""
-    from armadico.config import grid_map  # noqa: PLC0415 - heavy
-    from armadico.mobile.messages import MapRequest, OccupancyGrid  # noqa: PLC0415 - heavy
-    from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
+    from armadico.config import grid_map
+    from armadico.mobile.messages import MapRequest, OccupancyGrid
+    from armadico.runtime.errors import AbsentError
 
     grid = client.ask(MapRequest(), ANSWER_S, patience=FIND_S)
     if not isinstance(grid, OccupancyGrid):
@@ -72,3 +63,13 @@ def save(client: Client, file: Path) -> str:
     written = " and ".join(map(str, files))
     free = cells.area(grid_map.FREE)
     return f"{written}: {columns} x {rows} cells of {cells.cell_m:g} m, {free:.1f} m^2 of it free"
+
+
+main: Final = Command(
+    "armadico map",
+    Options,
+    run,
+    "Ask the mapping agent for its map and save it. `armadico explore --resume` goes on with a"
+    " .yaml; `armadico run --world` drives in either.",
+    EXAMPLES,
+)

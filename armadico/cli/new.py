@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import keyword
 import re
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import starmap
 from pathlib import Path
 from string import Template
 from typing import Final
 from unicodedata import normalize
 
-from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, argument, option
 from armadico.config.discovery import AGENTS, installed, owners
 from armadico.config.shipped import folder
 
@@ -54,8 +55,19 @@ LONGEST: Final = 40
 """Characters of a name: it stands on keys, in tables and in names of files."""
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    what: str = argument("what is begun", choices=["agent"])
+    name: str = argument("the agent's, such as wall-follower", metavar="NAME")
+    kind: str = option(
+        "; ".join(starmap("{}: {}".format, KINDS.items())) + " (default: %(default)s)",
+        default=next(iter(KINDS)),
+        choices=KINDS,
+    )
+    into: Path = option("where (default: here)", default=Path(), metavar="FOLDER")
+
+
+def run(args: Options) -> int:
     where: Path = args.into / args.name
     written = package(args.name, args.kind)
     if not args.into.is_dir():
@@ -68,25 +80,6 @@ def main(argv: Sequence[str]) -> int:
         (where / name).write_text(text, encoding="utf-8")
     print(_next(args.name, args.kind, where, list(written)))
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico new",
-        "Write a package of your own into a folder of its name: an agent, its test, and what makes"
-        " it known. It works as it is, to be changed from there.",
-        EXAMPLES,
-    )
-    made.add_argument("what", choices=["agent"], help="what is begun")
-    made.add_argument("name", metavar="NAME", help="the agent's, such as wall-follower")
-    kinds = "; ".join(f"{which}: {what}" for which, what in KINDS.items())
-    made.add_argument(
-        "--kind", choices=KINDS, default=next(iter(KINDS)), help=f"{kinds} (default: %(default)s)"
-    )
-    made.add_argument(
-        "--into", type=Path, default=Path(), metavar="FOLDER", help="where (default: here)"
-    )
-    return made
 
 
 def package(name: str, which: str) -> dict[str, str]:
@@ -108,7 +101,10 @@ def package(name: str, which: str) -> dict[str, str]:
         "module": module,
         "kind": "".join(part.capitalize() for part in name.split("-")),
     }
-    texts = {to: _beginning(of.format(which=which)) for to, of in FILES.items()}
+    texts = {
+        to: (folder("new") / f"{of.format(which=which)}.txt").read_text("utf-8")
+        for to, of in FILES.items()
+    }
     if taken := _taken(filled, texts.values()):
         raise UsageError(f"{name!r} will not do: {taken}")
     return {
@@ -121,10 +117,6 @@ def _better(name: str) -> str:
     plain = normalize("NFKD", name.translate(GERMAN)).encode("ascii", "ignore").decode()
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", plain).lower()
     return re.sub(r"[^a-z0-9]+", "-", words).strip("-0123456789")[:LONGEST].strip("-")
-
-
-def _beginning(name: str) -> str:
-    return (folder("new") / f"{name}.txt").read_text(encoding="utf-8")
 
 
 def _taken(filled: dict[str, str], texts: Iterable[str]) -> str:
@@ -146,8 +138,8 @@ def _next(name: str, which: str, where: Path, written: list[str]) -> str:
     there = shlex.quote(f"{where}" if where.is_absolute() else f"./{where}")
     run = f"armadico run {DRIVES} --virtual --with {name}"
     if which == "planner":  # of which there is one at a time
-        from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-        from armadico.mobile.resources import PLANNER  # noqa: PLC0415
+        from armadico.config.scenarios import society
+        from armadico.mobile.resources import PLANNER
 
         run += "".join(f" --without {other}" for other in owners(society().agents, PLANNER))
     rows = [
@@ -159,3 +151,13 @@ def _next(name: str, which: str, where: Path, written: list[str]) -> str:
     width = max(len(command) for command, _ in rows)
     lines = [f"  {command:<{width}}   # {what}" for command, what in rows]
     return f"{where}: {', '.join(written)}\n\nnext:\n" + "\n".join(lines)
+
+
+main: Final = Command(
+    "armadico new",
+    Options,
+    run,
+    "Write a package of your own into a folder of its name: an agent, its test, and what makes"
+    " it known. It works as it is, to be changed from there.",
+    EXAMPLES,
+)

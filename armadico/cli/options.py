@@ -5,30 +5,37 @@ Exit codes: 0 done, 1 it failed, 2 it was called or configured wrongly, 130 inte
 
 from __future__ import annotations
 
-import argparse
 import errno
 import os
-import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError
-from importlib.metadata import version as installed
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from armadico.cli.parsing import (
+    PORT,
+    BadValueError,
+    UsageError,
+    option,
+    parser,
+    several,
+    version,
+)
 from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
+from armadico.mesh.endpoints import Endpoints, endpoints, table_of
+from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
+    HOSTS_VARIABLE,
     NAMESPACE_VARIABLE,
     MeshError,
     TopologyError,
-    checked_namespace,
     default_namespace,
-    topology,
 )
 from armadico.runtime.errors import AbsentError, SocietyError
 
@@ -36,20 +43,15 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from armadico.cli.places import Place
     from armadico.config.worlds import World
     from armadico.mesh.zenoh import ZenohMesh
+    from armadico.runtime.client import Client
+
+__all__ = ["UsageError", "parser", "version"]  # those that commands elsewhere take from here
 
 FAILED: Final = 1
 USAGE: Final = 2
 INTERRUPTED: Final = 130
-
-HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
-"""As in `armadico.config.hosts`, which --help does without."""
-
-
-NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
-"""A negative number, as Python writes them: a value, and no option."""
 
 JOIN_S: Final = 1.0
 """How long a command that is soon done waits for a robot agent: it ends within 2 s without one."""
@@ -57,11 +59,9 @@ JOIN_S: Final = 1.0
 SAY_S: Final = 1.5
 """As in `armadico.mesh.zenoh`, which --help does without."""
 
-HOST_HELP: Final = "this machine's name in the host table (default: found by its addresses)"
+NAMESPACE_HELP: Final = f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})"
 
-
-class UsageError(Exception):
-    """The command was called wrongly."""
+M = TypeVar("M", bound="Mesh")
 
 
 class FailedError(Exception):
@@ -102,149 +102,88 @@ def unheard() -> int:
     return FAILED
 
 
-def version() -> str:
-    """The version that is installed."""
-    try:
-        return installed("armadico")
-    except PackageNotFoundError:
-        return "unknown"
+# Where the mesh is --------------------------------------------------------------------------------
 
 
-def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
-    """A parser whose help ends with examples."""
-    made = argparse.ArgumentParser(
-        prog=program,
-        description=description,
-        epilog="examples:\n" + examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,  # --seed is not --seeds, and a typing error is no other option
+@dataclass(frozen=True, kw_only=True)
+class Mesh:
+    """The options that say which robot, and how to reach it."""
+
+    namespace: str = option(NAMESPACE_HELP, metavar="NS", factory=default_namespace)
+    host: str | None = option(
+        "this machine's name in the host table (default: found by its addresses)", metavar="H"
     )
-    # argparse takes -1e5 and -inf for options that it does not know.
-    made._negative_number_matcher = NEGATIVE
-    made.add_argument("--version", action="version", version=f"armadico {version()}")
-    return made
-
-
-def add_mesh_options(
-    made: argparse.ArgumentParser, *, host: str = HOST_HELP, several: bool = False
-) -> None:
-    """The options that say which robot, or `several`, and how to reach it.
-
-    `host` is what --host is for.
-    """
-    mesh = made.add_argument_group("the mesh")
-    if several:
-        _add_namespaces_option(mesh)
-    else:
-        add_namespace_option(mesh)
-    mesh.add_argument("--host", metavar="H", help=host)
-    mesh.add_argument(
-        "--hosts",
-        metavar="TABLE",
-        help=f"the host table: a TOML file, or the name of a shipped one, demo or localhost"
+    hosts: str | None = option(
+        "the host table: a TOML file, or the name of a shipped one, demo or localhost"
         f" (default: ${HOSTS_VARIABLE} unless --connect is given; with --host alone, localhost;"
         " else none is needed)",
+        metavar="TABLE",
     )
-    mesh.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        action="append",
-        default=[],
-        help="where the robot's router is, such as tcp/192.168.1.5:7447; may be repeated (default:"
+    connect: tuple[str, ...] = several(
+        "where the robot's router is, such as tcp/192.168.1.5:7447; may be repeated (default:"
         " the host table's, or this machine's)",
+        metavar="ENDPOINT",
     )
 
+    def endpoints(self, *, passing: bool = True) -> Endpoints:
+        """Where that is: for a tool (`passing`), or for an agent. Raises ConfigError."""
+        return endpoints(
+            self.namespace,
+            hosts=self.hosts,
+            host=self.host,
+            connect=self.connect,
+            passing=passing,
+        )
 
-def add_serving_options(made: argparse.ArgumentParser, port: int, *, everybody: str) -> None:
-    """The options that say where a command listens; `everybody` is who may come from elsewhere."""
-    from armadico.mesh.ports import LOOPBACK  # noqa: PLC0415 - few commands serve
+    def join(self, *, passing: bool = True, starts: bool = False) -> ZenohMesh:
+        """The mesh, not opened yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
+        return self.endpoints(passing=passing).mesh(starts=starts)
 
-    made.add_argument(
-        "--port",
-        type=int,
-        default=port,
-        metavar="P",
-        help=f"where to listen, 0: a port that is free (default: {port})",
-    )
-    made.add_argument(
-        "--bind",
-        default=LOOPBACK,
-        metavar="ADDRESS",
-        help=f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for {everybody}"
-        f" (default: {LOOPBACK})",
-    )
+    @contextmanager
+    def joined(self) -> Iterator[ZenohMesh]:
+        """The mesh, joined. Raises FailedError if there is no robot agent."""
+        with at_once(self.join(starts=True)) as mesh:
+            if not mesh.wait_joined(0.0):
+                raise FailedError(mesh.missing)
+            yield mesh
 
+    @contextmanager
+    def client(self) -> Iterator[Client]:
+        """A client of the mesh, joined. Raises FailedError if there is no robot agent."""
+        from armadico.runtime.client import Client
 
-def seconds(text: str) -> float:
-    """A time in s, for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
-    return value
+        with self.joined() as mesh:
+            yield Client(mesh)
 
+    def of(self: M, namespace: str) -> M:
+        """The same for another robot."""
+        return replace(self, namespace=namespace)
 
-def add_timeout(made: argparse.ArgumentParser, what: str, default: float | None = None) -> None:
-    """How long a command waits, s; `what` says for what. None: for ever."""
-    said = "" if default is None else f" (default: {default:g} s)"
-    made.add_argument("--timeout", type=seconds, default=default, metavar="S", help=f"{what}{said}")
+    def agents_by_host(self) -> dict[str, tuple[str, ...]]:
+        """The agents of each host of the table; none without a table. Raises ConfigError."""
+        named = table_of(self.hosts, self.host, self.connect)
+        if named is None:
+            return {}
+        from armadico.config.hosts import load_hosts
+
+        return {name: host.agents for name, host in load_hosts(named).hosts.items()}
 
 
-def add_namespace_option(made: argparse._ActionsContainer) -> None:
-    """The option that says which robot."""
-    made.add_argument(
+@dataclass(frozen=True, kw_only=True)
+class Meshes(Mesh):
+    """The same of several robots."""
+
+    namespace: str = ""
+    namespaces: tuple[str, ...] = several(
+        f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
         "--namespace",
         metavar="NS",
-        default=default_namespace(),
-        help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
     )
 
-
-def _add_namespaces_option(made: argparse._ActionsContainer) -> None:
-    """The option that says which robots."""
-    made.add_argument(
-        "--namespace",
-        dest="namespaces",
-        action="append",
-        metavar="NS",
-        help=f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE}, or"
-        f" {DEFAULT_NAMESPACE})",
-    )
-
-
-def world(args: argparse.Namespace) -> World | None:
-    """The world that --world names, if it does. Raises ConfigError."""
-    if args.world is None:
-        return None
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-
-    return load_world(args.world)
-
-
-def namespaces(args: argparse.Namespace) -> list[str]:
-    """Which robots the options of a command for several say, each once. Raises TopologyError."""
-    named = args.namespaces or [default_namespace()]
-    return [checked_namespace(name) for name in dict.fromkeys(named)]
-
-
-def join_each(
-    args: argparse.Namespace, namespaces: Sequence[str], *, starts: bool = False
-) -> list[ZenohMesh]:
-    """A mesh for each namespace, not opened yet; `starts` as in `ZenohMesh`."""
-    return [
-        join(argparse.Namespace(**{**vars(args), "namespace": namespace}), starts=starts)
-        for namespace in namespaces
-    ]
-
-
-def join(args: argparse.Namespace, *, passing: bool = True, starts: bool = False) -> ZenohMesh:
-    """The mesh that the options name, not opened yet.
-
-    `passing`: by a tool, and not by an agent; `starts` as in `ZenohMesh`.
-    """
-    return join_at(args, placed(args, passing=passing), starts=starts)
+    def join_each(self, *, starts: bool = False) -> list[ZenohMesh]:
+        """A mesh for each robot, not opened yet. Raises TopologyError for what is no namespace."""
+        named = dict.fromkeys(self.namespaces or (default_namespace(),))
+        return [self.of(name).join(starts=starts) for name in named]
 
 
 @contextmanager
@@ -253,15 +192,6 @@ def at_once(mesh: ZenohMesh) -> Iterator[ZenohMesh]:
     until = time.monotonic() + JOIN_S
     with mesh:
         mesh.wait_joined(until - time.monotonic())
-        yield mesh
-
-
-@contextmanager
-def joined(args: argparse.Namespace) -> Iterator[ZenohMesh]:
-    """The mesh that the options name, joined. Raises FailedError if there is no robot agent."""
-    with at_once(join(args, starts=True)) as mesh:
-        if not mesh.wait_joined(0.0):
-            raise FailedError(mesh.missing)
         yield mesh
 
 
@@ -275,56 +205,52 @@ def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedEr
     return FailedError(what if waited > SAY_S else mesh.missing)
 
 
-def placed(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
-    """The host table that the options name, and this machine's entry; None without a table.
+# Options of several commands ----------------------------------------------------------------------
 
-    Raises ConfigError if they contradict each other, or this machine.
-    """
-    if args.host is None and args.hosts is None and HOSTS_VARIABLE not in os.environ:
+
+def port_option(default: int) -> Any:
+    """The field of the port at which a command listens."""
+    help_ = f"where to listen, 0: a port that is free (default: {default})"
+    return option(help_, default=default, metavar="P", must=PORT)
+
+
+def bind_option(everybody: str) -> Any:
+    """The field of the address at which a command listens; `everybody` may come from elsewhere."""
+    return option(
+        f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for {everybody}"
+        f" (default: {LOOPBACK})",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+    )
+
+
+def timeout_option(what: str, default: float | None = None) -> Any:
+    """The field of how long a command waits, s; `what` says for what. None: for ever."""
+    said = "" if default is None else f" (default: {default:g} s)"
+    return option(f"{what}{said}", default=default, read=seconds, metavar="S")
+
+
+def seconds(text: str) -> float:
+    """A time in s. Raises BadValueError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise BadValueError(f"{text!r}: expected seconds, more than 0")
+    return value
+
+
+def world_of(named: str | None) -> World | None:
+    """The world that --world names, if it does. Raises ConfigError."""
+    if named is None:
         return None
-    from armadico.cli.places import place  # noqa: PLC0415 - not for --help
+    from armadico.config.worlds import load_world
 
-    return place(args, passing=passing)
-
-
-def agents_by_host(args: argparse.Namespace) -> dict[str, tuple[str, ...]]:
-    """The agents that each host of the table runs; none without a table. Raises ConfigError."""
-    if args.host is None and args.hosts is None and HOSTS_VARIABLE not in os.environ:
-        return {}
-    from armadico.cli.places import wanted  # noqa: PLC0415 - not for --help
-    from armadico.config.hosts import load_hosts  # noqa: PLC0415
-
-    named = wanted(args)
-    table = {} if named is None else load_hosts(named).hosts
-    return {name: host.agents for name, host in table.items()}
+    return load_world(named)
 
 
-def join_at(
-    args: argparse.Namespace,
-    where: Place | None,
-    *,
-    router: bool = False,
-    starts: bool = False,
-) -> ZenohMesh:
-    """The mesh as it is reached from a place, not opened yet. Raises TopologyError."""
-    if where is None:
-        chosen = topology(router=router, connect=args.connect)
-    else:
-        chosen = where.topology(router=router, connect=args.connect)
-    namespace = checked_namespace(args.namespace)
-    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for --help
-
-    return ZenohMesh(namespace, chosen, starts=starts)
-
-
-def joining(args: argparse.Namespace) -> list[str]:
-    """The options by which another process on this machine finds the same mesh.
-
-    Which robot is said apart.
-    """
-    given = {"--host": args.host, "--hosts": args.hosts}
-    words = [word for option, value in given.items() if value for word in (option, value)]
-    return words + [word for endpoint in args.connect for word in ("--connect", endpoint)]
+# What people are told -----------------------------------------------------------------------------
 
 
 def _say(program: str, error: Exception, code: int) -> int:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import secrets
 import socket
 import webbrowser
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.beside import STARTING, Helpers
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, flag, group, option
 from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
@@ -37,22 +39,33 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    namespaces = options.namespaces(args)
-    if not 0 <= args.port < 65536:
-        raise UsageError(f"--port {args.port}: from 0 to 65535")
-    meshes = options.join_each(args, namespaces, starts=args.starting)
-    world = options.world(args)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    world: str | None = option("draw the walls of this world", metavar="MAP")
+    port: int = options.port_option(PORT)
+    bind: str = options.bind_option("everybody who knows the token")
+    token: str | None = option(
+        "what has to be known, 16 characters at least; it can be seen in this machine's list"
+        f" of processes, ${TOKEN_VARIABLE} cannot (default: with --bind, one drawn at random)",
+        metavar="T",
+    )
+    no_open: bool = flag("do not open a browser")
+    starting: bool = flag(None, STARTING)
+    mesh: options.Meshes = group(options.Meshes, "the mesh")
+
+
+def run(args: Options) -> int:
+    meshes = args.mesh.join_each(starts=args.starting)
+    world = options.world_of(args.world)
     guard = _guard(args)
     options.end_as_by_ctrl_c()
-    from armadico.gateways.page.server import Server, ServerError  # noqa: PLC0415 - not for --help
+    from armadico.gateways.page.server import Server, ServerError
 
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
-        helpers = stack.enter_context(Helpers(args))
-        session = made(meshes, world, helpers.start, options.agents_by_host(args))
+        helpers = stack.enter_context(Helpers(args.mesh))
+        session = made(meshes, world, helpers.start, args.mesh.agents_by_host())
         try:
             server = stack.enter_context(Server(session, guard, args.bind, args.port))
         except ServerError as error:
@@ -69,43 +82,24 @@ def main(argv: Sequence[str]) -> int:
 
 def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Hosts) -> Session:
     """A session for robots whose meshes have been opened; `start` starts who takes the stick."""
-    from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
-    from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-    from armadico.gateways.page.model import Robot  # noqa: PLC0415 - not for --help
-    from armadico.gateways.page.session import Session  # noqa: PLC0415 - not for --help
+    from armadico.config.discovery import providers
+    from armadico.config.scenarios import society
+    from armadico.gateways.page.model import Robot
+    from armadico.gateways.page.session import Session
 
     helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(m.namespace, world, _bits64, helpers, providers, hosts) for m in meshes
+        m.namespace: Robot(
+            m.namespace, world, partial(secrets.randbits, 63), helpers, providers, hosts
+        )
+        for m in meshes
     }
     return Session(robots, meshes, start)
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico page",
-        "Serve a page from which the robot is watched and sent: a map to click on, stop and resume,"
-        " missions, agents, who drives and why. On this machine's loopback, unless --bind says"
-        " otherwise; then whoever asks must know a token. Ctrl-C ends it, and nobody feels that.",
-        EXAMPLES,
-    )
-    made.add_argument("--world", metavar="MAP", help="draw the walls of this world")
-    options.add_serving_options(made, PORT, everybody="everybody who knows the token")
-    made.add_argument(
-        "--token",
-        metavar="T",
-        help="what has to be known, 16 characters at least; it can be seen in this machine's list"
-        f" of processes, ${TOKEN_VARIABLE} cannot (default: with --bind, one drawn at random)",
-    )
-    made.add_argument("--no-open", action="store_true", help="do not open a browser")
-    made.add_argument(STARTING, action="store_true", help=argparse.SUPPRESS)
-    options.add_mesh_options(made, several=True)
-    return made
-
-
-def _guard(args: argparse.Namespace) -> Guard:
+def _guard(args: Options) -> Guard:
     """Who is let in. Raises UsageError."""
-    from armadico.gateways.page.guard import Guard, GuardError, is_loopback  # noqa: PLC0415
+    from armadico.gateways.page.guard import Guard, GuardError, is_loopback
 
     token = args.token or os.environ.get(TOKEN_VARIABLE) or None
     if token is None and not is_loopback(args.bind):
@@ -127,5 +121,12 @@ def _link(address: str, port: int, token: str) -> str:
     return f"http://{host}:{port}/" + (f"#token={token}" if token else "")
 
 
-def _bits64() -> int:
-    return secrets.randbits(63)
+main: Final = Command(
+    "armadico page",
+    Options,
+    run,
+    "Serve a page from which the robot is watched and sent: a map to click on, stop and resume,"
+    " missions, agents, who drives and why. On this machine's loopback, unless --bind says"
+    " otherwise; then whoever asks must know a token. Ctrl-C ends it, and nobody feels that.",
+    EXAMPLES,
+)

@@ -5,18 +5,20 @@ Nobody keeps a list: everybody is asked for their card.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, flag, group, option
+from armadico.mesh.endpoints import Endpoints, endpoints, entry, table_of
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from armadico.cli.places import Place
+    from armadico.config.hosts import HostTable
     from armadico.core.messages import Card
     from armadico.observe.hosts import HostState
     from armadico.observe.view import Seen, View
@@ -30,75 +32,71 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class AnyHost(options.Mesh):
+    """The mesh, and the host to look at, which need not be this machine."""
+
+    host: str | None = option("the host to look at, from any machine (default: all)", metavar="H")
+
+    def endpoints(self, *, passing: bool = True) -> Endpoints:
+        """Where the mesh is, whichever host is to be looked at. Raises ConfigError."""
+        hosts = table_of(self.hosts, self.host, self.connect)
+        found = endpoints(self.namespace, hosts=hosts, connect=self.connect, passing=passing)
+        if self.host is not None and found.table is not None:
+            entry(found.table, self.host)
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    json: bool = flag("a JSON object on stdout")
+    timeout: float = options.timeout_option(
+        "how long an agent may take to answer, or to be seen", 1.0
+    )
+    mesh: AnyHost = group(AnyHost, "the mesh")
+
+
+def run(args: Options) -> int:
     """Show the agents that are there; 1 if nobody is, or the host asked for lacks somebody."""
-    args = parser().parse_args(argv)
-    where = _place(args)
-    wanted = _wanted(args, where)
-    mesh = options.join_at(args, where, starts=True)
-    from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
-    from armadico.observe.view import View  # noqa: PLC0415
-    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+    where, host = args.mesh.endpoints(), args.mesh.host
+    wanted = {} if where.table is None else _wanted(where.namespace, host, where.table)
+    mesh = where.mesh(starts=True)
+    from armadico.observe.hosts import census
+    from armadico.observe.view import View
+    from armadico.runtime.client import Client
 
     with options.at_once(mesh):
         client = Client(mesh)
         missing = "" if mesh.wait_joined(0.0) else mesh.missing
         if missing:
             cards = {}
-        elif args.host is None:
+        elif host is None:
             cards = client.cards(args.timeout)
         else:
-            cards = _of_host(client, args.host, wanted[args.host], args.timeout)
+            cards = _of_host(client, host, wanted[host], args.timeout)
     view = View.of(cards)
     hosts = census(view, wanted, client.ahead)
     if args.json:
         print(json.dumps(_plain(view, hosts), indent=2))
-    elif args.host is not None:
+    elif host is not None:
         _show_host(hosts[0], view)
     else:
-        show(args, view, hosts, everyone=where is not None, missing=bool(missing))
+        everyone = where.table is not None
+        show(where.namespace, view, hosts, everyone=everyone, missing=bool(missing))
     if missing:
         raise options.FailedError(missing)
-    if args.host is not None:
+    if host is not None:
         return options.FAILED if hosts[0].lacks else 0
     return 0 if view.alive else options.FAILED
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico ps",
-        "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"
-        " a host table also what each host lacks; on the machine where `armadico up` runs that is"
-        " counted by what it started. --host names the host to look at, from any machine.",
-        EXAMPLES,
-    )
-    made.add_argument("--json", action="store_true", help="a JSON object on stdout")
-    options.add_timeout(made, "how long an agent may take to answer, or to be seen", 1.0)
-    options.add_mesh_options(made, host="the host to look at, from any machine (default: all)")
-    return made
-
-
-def _place(args: argparse.Namespace) -> Place | None:
-    """Where this machine is, whichever host is to be looked at. Raises ConfigError."""
-    from armadico.cli.places import entry, wanted  # noqa: PLC0415 - not for --help
-
-    anywhere = argparse.Namespace(**vars(args) | {"host": None, "hosts": wanted(args)})
-    where = options.placed(anywhere)
-    if args.host is not None and where is not None:
-        entry(where.table, args.host)
-    return where
-
-
-def _wanted(args: argparse.Namespace, where: Place | None) -> dict[str, tuple[str, ...]]:
+def _wanted(namespace: str, host: str | None, table: HostTable) -> dict[str, tuple[str, ...]]:
     """The agents of each host to look at: what was started there, if that is known, else all."""
-    from armadico.launch.pidfile import shares  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import shares
 
-    if where is None:
-        return {}
-    hosts = where.table.hosts
-    names = hosts if args.host is None else [args.host]
-    started = {share.host: share.agents for share in shares(args.namespace)}
-    return {name: started.get(name, hosts[name].agents) for name in names}
+    names = table.hosts if host is None else [host]
+    started = {share.host: share.agents for share in shares(namespace)}
+    return {name: started.get(name, table.hosts[name].agents) for name in names}
 
 
 def _of_host(
@@ -137,7 +135,7 @@ def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
 
 
 def _plain_card(agent: Seen) -> dict[str, Any]:
-    from armadico.core.messages import plain  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import plain
 
     name, instance, card = agent
     if card is None:
@@ -153,7 +151,7 @@ def _show_host(host: HostState, view: View) -> None:
 
 
 def show(
-    args: argparse.Namespace,
+    namespace: str,
     view: View,
     hosts: Sequence[HostState],
     *,
@@ -161,11 +159,11 @@ def show(
     missing: bool = False,
 ) -> None:
     """Print who is there, and on a narrow terminal less of each."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.console import Console
 
     console = Console()
     if not view.alive and not missing:
-        print(f"no agent is alive in namespace {args.namespace!r}")
+        print(f"no agent is alive in namespace {namespace!r}")
     elif view.alive:
         tables = [_table(view, hosts, *narrow) for narrow in NARROWER]
         fitting = (table for table in tables if options.fits(table, console))
@@ -188,8 +186,8 @@ NARROWER: Final = (
 
 
 def _table(view: View, hosts: Sequence[HostState], between: str, without: Sequence[str]) -> Table:
-    from rich.table import Table  # noqa: PLC0415 - not for --help
-    from rich.text import Text  # noqa: PLC0415 - not for --help
+    from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in TITLES:
@@ -215,3 +213,14 @@ def _table(view: View, hosts: Sequence[HostState], between: str, without: Sequen
 def _place_of(card: Card | None, order: Mapping[str, int]) -> int:
     """By host, who does not answer last."""
     return len(order) if card is None else order[card.host]
+
+
+main: Final = Command(
+    "armadico ps",
+    Options,
+    run,
+    "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"
+    " a host table also what each host lacks; on the machine where `armadico up` runs that is"
+    " counted by what it started. --host names the host to look at, from any machine.",
+    EXAMPLES,
+)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import FailedError, Mesh
+from armadico.cli.parsing import RECORDING, Command, argument, flag, group, more_than, option
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -40,17 +41,27 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    _check(args)
-    namespaces = options.namespaces(args)
-    meshes = options.join_each(args, namespaces)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    file: Path = argument("what to write", metavar="FILE.mcap", must=RECORDING)
+    max_size: float | None = option(
+        "go on in another file when one is so large", metavar="MB", must=more_than(0)
+    )
+    duration: float | None = option("stop after so long", metavar="S", must=more_than(0))
+    force: bool = flag("replace a file that exists")
+    world: str | None = option("its walls are the map that ROS 2's tools see in it", metavar="MAP")
+    quiet: bool = flag("no progress")
+    mesh: options.Meshes = group(options.Meshes, "the mesh")
+
+
+def run(args: Options) -> int:
+    meshes = args.mesh.join_each()
     options.need("mcap", "record")
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
         try:
-            _record(args, namespaces, meshes)
+            _record(args, meshes)
         except FileExistsError as error:
             raise FailedError(
                 f"{error.filename} exists already; name another file, or use --force"
@@ -61,29 +72,30 @@ def main(argv: Sequence[str]) -> int:
 
 
 @contextmanager
-def recorder(
-    args: argparse.Namespace, path: Path, scenario: Scenario, *namespaces: str
-) -> Iterator[None]:
+def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str) -> Iterator[None]:
     """A recorder beside a live run, as a process of its own, from before anybody starts.
 
-    Without namespaces it is of the one that the options name. Its map is the scenario's, if the
-    society is told of one.
+    Without a path nothing is recorded. Without namespaces it is of the one that the options name.
+    Its map is the scenario's, if the society is told of one.
 
     Raises FailedError, UsageError.
     """
-    from armadico.config.scenarios import unmapped  # noqa: PLC0415 - not for --help
-    from armadico.launch.processes import START_S, Process  # noqa: PLC0415 - not for --help
-    from armadico.runtime.programs import end  # noqa: PLC0415
+    if path is None:
+        yield
+        return
+    from armadico.config.scenarios import unmapped
+    from armadico.launch.processes import START_S, Process
+    from armadico.runtime.programs import end
 
     options.need("mcap", "record")
     if path.exists():
         raise FailedError(f"{path} exists already; name another file")
     words = ["record", str(path), "--quiet"]
     words += [] if unmapped(scenario) else [f"--world={scenario.world}"]
-    words += [word for name in namespaces or [args.namespace] for word in ("--namespace", name)]
+    words += [word for name in namespaces or [mesh.namespace] for word in ("--namespace", name)]
     with TemporaryDirectory(prefix="armadico-") as folder:
         log = Path(folder) / "record.log"
-        recorder = Process("recorder", [*words, *options.joining(args)], log, tied=True)
+        recorder = Process("recorder", [*words, *mesh.endpoints().words], log, tied=True)
         try:
             deadline = time.monotonic() + START_S
             while not (path.exists() and path.stat().st_size):
@@ -114,9 +126,9 @@ def beside_a_run(report: Callable[[str], None]) -> Iterator[ExitStack]:
 def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str) -> Recorded:
     """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
     options.need("mcap", "record")
-    from armadico.config.scenarios import unmapped  # noqa: PLC0415 - not for --help
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-    from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
+    from armadico.config.scenarios import unmapped
+    from armadico.config.worlds import load_world
+    from armadico.observe.virtual_recording import Recorded
 
     world = None if unmapped(scenario) else load_world(scenario.world)
     try:
@@ -127,48 +139,15 @@ def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str
         raise FailedError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico record",
-        "Keep every message of one or more robots in an MCAP file, with who was there, their cards"
-        " and what the losers would have done. Ctrl-C closes it; killed, it is readable up to the"
-        " last second.",
-        EXAMPLES,
-    )
-    made.add_argument("file", metavar="FILE.mcap", type=Path, help="what to write")
-    made.add_argument(
-        "--max-size", type=float, metavar="MB", help="go on in another file when one is so large"
-    )
-    made.add_argument("--duration", type=float, metavar="S", help="stop after so long")
-    made.add_argument("--force", action="store_true", help="replace a file that exists")
-    made.add_argument(
-        "--world", metavar="MAP", help="its walls are the map that ROS 2's tools see in it"
-    )
-    made.add_argument("--quiet", action="store_true", help="no progress")
-    options.add_mesh_options(made, several=True)
-    return made
+def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:
+    from armadico.observe.recorder import Recording, record
+    from armadico.observe.translators import translators
+    from armadico.observe.watching import Watcher
 
-
-def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError."""
-    for flag in ("max_size", "duration"):
-        value = getattr(args, flag)
-        if value is not None and not 0 < value < float("inf"):
-            raise UsageError(f"--{flag.replace('_', '-')} {value:g}: more than 0")
-    if args.file.suffix != ".mcap":
-        raise UsageError(f"{args.file}: the name of a recording ends with .mcap")
-
-
-def _record(
-    args: argparse.Namespace, namespaces: Sequence[str], meshes: Sequence[ZenohMesh]
-) -> None:
-    from armadico.observe.recorder import Recording, record  # noqa: PLC0415 - not for --help
-    from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
-
+    namespaces = [mesh.namespace for mesh in meshes]
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
-    worlds = dict.fromkeys(namespaces, options.world(args))
+    worlds = dict.fromkeys(namespaces, options.world_of(args.world))
     if args.force:
         args.file.unlink(missing_ok=True)
     recording = Recording(args.file, about, limit, translators(namespaces, worlds))
@@ -188,9 +167,7 @@ def _record(
     _say(f"{_remark(recording, watcher, begun)}; closed")
 
 
-def _shower(
-    args: argparse.Namespace, watcher: Watcher, begun: float
-) -> Callable[[Recording], None]:
+def _shower(args: Options, watcher: Watcher, begun: float) -> Callable[[Recording], None]:
     """One line that is written over on a terminal, one now and then elsewhere."""
     on_terminal = sys.stderr.isatty()
     said_at = begun if not on_terminal else float("-inf")
@@ -230,3 +207,14 @@ def _remark(recording: Recording, watcher: Watcher, begun: float) -> str:
 def _say(text: str, *, over: bool = False) -> None:
     clear = "\r\x1b[K" if sys.stderr.isatty() else ""
     print(f"{clear}{text}", end="" if over else "\n", file=sys.stderr, flush=True)
+
+
+main: Final = Command(
+    "armadico record",
+    Options,
+    run,
+    "Keep every message of one or more robots in an MCAP file, with who was there, their cards"
+    " and what the losers would have done. Ctrl-C closes it; killed, it is readable up to the"
+    " last second.",
+    EXAMPLES,
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import os
@@ -10,12 +9,14 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
+from armadico.cli.parsing import FILE, Command, argument, at_least, flag, more_than, option, several
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
@@ -37,11 +38,35 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    file: Path = argument("the recording", metavar="FILE.mcap", must=FILE)
+    agents: tuple[str, ...] = several(
+        "only this one, by name or instance; may be repeated",
+        "--agent",
+        either="who",
+        metavar="NAME",
+    )
+    all: bool = flag("everybody (the default)", either="who")
+    namespace: str | None = option("only this robot (default: all)", metavar="NS")
+    sets: tuple[str, ...] = several(
+        "a parameter that is otherwise; KEY=VALUE with one --agent; may be repeated",
+        "--set",
+        metavar="AGENT.KEY=VALUE",
+    )
+    rate: float | None = option(
+        "X times as fast as it was, telling each new bid; without: as fast as can be",
+        metavar="X",
+        must=more_than(0),
+    )
+    jobs: int | None = option("processes (default: one a core)", metavar="N", must=at_least(1))
+    json: bool = flag("one JSON object on stdout")
+
+
+def run(args: Options) -> int:
     """0 only if every agent that was asked for was gone through, and decides what it did."""
-    args = parser().parse_args(argv)
-    _check(args)
-    from armadico.observe.recordings import Past, RecordingError  # noqa: PLC0415 - not for --help
+    options.need("mcap", "record")
+    from armadico.observe.recordings import Past, RecordingError
 
     try:
         past = Past(args.file, options.teller("armadico replay"))
@@ -52,7 +77,10 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(str(error)) from None
     sets = _sets(args, journals)
     begun = time.monotonic()
-    outcomes = (_all if args.rate is None else _paced)(args, journals, sets)
+    if args.rate is None:
+        outcomes = _all(args.jobs, journals, sets)
+    else:
+        outcomes = _paced(args.rate, journals, sets)
     took = time.monotonic() - begun
     if args.json:
         print(_json(past, damage, outcomes, took))
@@ -67,57 +95,7 @@ def main(argv: Sequence[str]) -> int:
     return 0 if whole and not damage else options.FAILED
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico replay",
-        "Build the agents of a recording anew, let everything that entered them enter them again,"
-        " under the clock of then, and compare what they decide, message by message. For"
-        " recordings of `armadico run --record`, or of agents that were started with --journal.",
-        EXAMPLES,
-    )
-    made.add_argument("file", metavar="FILE.mcap", type=Path, help="the recording")
-    who = made.add_mutually_exclusive_group()
-    who.add_argument(
-        "--agent",
-        dest="agents",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="only this one, by name or instance; may be repeated",
-    )
-    who.add_argument("--all", action="store_true", help="everybody (the default)")
-    made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
-    made.add_argument(
-        "--set",
-        dest="sets",
-        metavar="AGENT.KEY=VALUE",
-        action="append",
-        default=[],
-        help="a parameter that is otherwise; KEY=VALUE with one --agent; may be repeated",
-    )
-    made.add_argument(
-        "--rate",
-        type=float,
-        metavar="X",
-        help="X times as fast as it was, telling each new bid; without: as fast as can be",
-    )
-    made.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
-    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
-    return made
-
-
-def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError, FailedError."""
-    if not args.file.is_file():
-        raise UsageError(f"{args.file}: no such file")
-    if args.rate is not None and not 0 < args.rate < float("inf"):
-        raise UsageError(f"--rate {args.rate:g}: more than 0")
-    if args.jobs is not None and args.jobs < 1:
-        raise UsageError(f"--jobs {args.jobs}: at least 1")
-    options.need("mcap", "record")
-
-
-def _chosen(args: argparse.Namespace, past: Past) -> list[Journal]:
+def _chosen(args: Options, past: Past) -> list[Journal]:
     """Whom to go through. Raises UsageError if they are not in it."""
     found = past.journals()
     spaces = sorted({journal.namespace for journal in found})
@@ -140,9 +118,9 @@ def _chosen(args: argparse.Namespace, past: Past) -> list[Journal]:
     return found
 
 
-def _sets(args: argparse.Namespace, journals: Sequence[Journal]) -> dict[str, tuple[str, ...]]:
+def _sets(args: Options, journals: Sequence[Journal]) -> dict[str, tuple[str, ...]]:
     """By agent, what is set of it. Raises UsageError, ConfigError."""
-    from armadico.observe.replay import Life, ReplayError  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import Life, ReplayError
 
     names = {journal.name for journal in journals}
     found: dict[str, tuple[str, ...]] = {}
@@ -163,7 +141,7 @@ def _sets(args: argparse.Namespace, journals: Sequence[Journal]) -> dict[str, tu
 
 
 def _one(item: tuple[Journal, tuple[str, ...]]) -> Outcome:
-    from armadico.observe.replay import replayed  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import replayed
 
     gc.collect()
     gc.freeze()
@@ -172,31 +150,31 @@ def _one(item: tuple[Journal, tuple[str, ...]]) -> Outcome:
 
 
 def _all(
-    args: argparse.Namespace, journals: Sequence[Journal], sets: dict[str, tuple[str, ...]]
+    jobs: int | None, journals: Sequence[Journal], sets: dict[str, tuple[str, ...]]
 ) -> list[Outcome]:
-    from armadico.cli.pool import over  # noqa: PLC0415 - not for --help
+    from armadico.cli.pool import over
 
     # The longest first, or the last one is waited for.
     journals = sorted(journals, key=lambda each: -each.frames.size)
     worth = sum(journal.frames.size for journal in journals) >= WORTH
-    jobs = args.jobs or (len(os.sched_getaffinity(0)) if worth else 1)
+    jobs = jobs or (len(os.sched_getaffinity(0)) if worth else 1)
     items = [(journal, sets.get(journal.name, ())) for journal in journals]
     found = over(_one, items, jobs, "replay")
     return sorted(found, key=lambda outcome: (outcome.namespace, outcome.began, outcome.instance))
 
 
 def _paced(
-    args: argparse.Namespace, journals: Sequence[Journal], sets: dict[str, tuple[str, ...]]
+    rate: float, journals: Sequence[Journal], sets: dict[str, tuple[str, ...]]
 ) -> list[Outcome]:
     """One after another would not be as it was: all at once, moment by moment."""
-    from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import Replay
 
     replays = [Replay(journal, sets.get(journal.name, ())) for journal in journals]
     first = min((each.began for each in replays if not each.refusal), default=0.0)
     begun = time.monotonic()
     told: dict[str, object] = {}
     for at, replay, moment in merge(*map(_timed, replays), key=lambda item: item[0]):
-        wait = (at - first) / args.rate - (time.monotonic() - begun)
+        wait = (at - first) / rate - (time.monotonic() - begun)
         if wait > 0:
             time.sleep(wait)
         for bid in moment.bids:
@@ -295,7 +273,7 @@ def _summary(outcomes: Sequence[Outcome], took: float) -> str:
 
 
 def _json(past: Past, damage: Sequence[str], outcomes: Sequence[Outcome], took: float) -> str:
-    import msgspec  # noqa: PLC0415 - not for --help
+    import msgspec
 
     rows = [
         {**msgspec.to_builtins(outcome), "equal": outcome.equal, "at": outcome.began - past.began}
@@ -303,3 +281,14 @@ def _json(past: Past, damage: Sequence[str], outcomes: Sequence[Outcome], took: 
     ]
     about = {"file": str(past.path), "took_s": took, "recorded": past.about, "damage": damage}
     return json.dumps({**about, "agents": rows})
+
+
+main: Final = Command(
+    "armadico replay",
+    Options,
+    run,
+    "Build the agents of a recording anew, let everything that entered them enter them again,"
+    " under the clock of then, and compare what they decide, message by message. For"
+    " recordings of `armadico run --record`, or of agents that were started with --journal.",
+    EXAMPLES,
+)

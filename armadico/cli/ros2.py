@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, argument, flag, group, option
 
 if TYPE_CHECKING:
     from armadico.bridge.ros2.samples import Address
@@ -28,19 +29,35 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    namespaces = options.namespaces(args)
-    from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    address: str = argument(
+        "which ROS 2: ros2://[NAMESPACE][?domain=N][&interface=IF] by DDS,"
+        " ros2+zenoh://[HOST[:PORT]][/NAMESPACE][?domain=N] by rmw_zenoh (default: ros2://)",
+        default="ros2://",
+        metavar="ADDRESS",
+        nargs="?",
+    )
+    no_goals: bool = flag("take no goal_pose")
+    beside: bool = flag(
+        "the robot publishes its odometry, tf, scan and battery itself: leave them out"
+    )
+    world: str | None = option("publish the walls of this world as the map", metavar="MAP")
+    mesh: options.Meshes = group(options.Meshes, "the mesh")
+
+
+def run(args: Options) -> int:
+    from armadico.bridge.ros2.addresses import read_address
 
     try:
         address = read_address(args.address)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    meshes = options.join_each(args, namespaces)
+    meshes = args.mesh.join_each()
+    namespaces = [mesh.namespace for mesh in meshes]
     societies = _societies(args, namespaces, address.namespace)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    from armadico.gateways.gateway import serve  # noqa: PLC0415 - not for --help
+    from armadico.gateways.gateway import serve
 
     with ExitStack() as stack:
         try:
@@ -56,39 +73,11 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico ros2",
-        "Publish a society as ROS 2 topics: tf, odometry, pose, sensors, maps, path, obstacles and"
-        " who holds what. A goal_pose is a mission. No ROS is needed here.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "address",
-        metavar="ADDRESS",
-        nargs="?",
-        default="ros2://",
-        help="which ROS 2: ros2://[NAMESPACE][?domain=N][&interface=IF] by DDS,"
-        " ros2+zenoh://[HOST[:PORT]][/NAMESPACE][?domain=N] by rmw_zenoh (default: ros2://)",
-    )
-    made.add_argument("--no-goals", action="store_true", help="take no goal_pose")
-    made.add_argument(
-        "--beside",
-        action="store_true",
-        help="the robot publishes its odometry, tf, scan and battery itself: leave them out",
-    )
-    made.add_argument("--world", metavar="MAP", help="publish the walls of this world as the map")
-    options.add_mesh_options(made, several=True)
-    return made
-
-
-def _societies(
-    args: argparse.Namespace, namespaces: Sequence[str], below: str
-) -> dict[str, Society]:
+def _societies(args: Options, namespaces: Sequence[str], below: str) -> dict[str, Society]:
     """A translator for each robot. Raises UsageError, ConfigError."""
-    from armadico.gateways.ros2.society import Society, ros_namespace  # noqa: PLC0415
+    from armadico.gateways.ros2.society import Society, ros_namespace
 
-    world = options.world(args)
+    world = options.world_of(args.world)
     own = {ns: "" if len(namespaces) == 1 else ns for ns in namespaces}
     places = {ns: "/".join(filter(None, (below, name))) for ns, name in own.items()}
     named: dict[str, str] = {}
@@ -103,12 +92,12 @@ def _societies(
 
 
 def _gateway(
-    args: argparse.Namespace, address: Address, mesh: ZenohMesh, society: Society, stack: ExitStack
+    args: Options, address: Address, mesh: ZenohMesh, society: Society, stack: ExitStack
 ) -> Gateway:
     """A robot's, in the mesh and in ROS 2. Raises OSError."""
-    from armadico.bridge.ros2.addresses import join  # noqa: PLC0415 - not for --help
-    from armadico.gateways.gateway import Gateway  # noqa: PLC0415
-    from armadico.gateways.ros2.outside import NODE, SocietyNode  # noqa: PLC0415
+    from armadico.bridge.ros2.addresses import join
+    from armadico.gateways.gateway import Gateway
+    from armadico.gateways.ros2.outside import NODE, SocietyNode
 
     say = options.teller("armadico ros2")
     wire = join(replace(address, namespace=society.namespace), NODE)
@@ -116,3 +105,13 @@ def _gateway(
     goals = None if args.no_goals else society.goals
     outside = SocietyNode(wire, society.channels, goals, say, beside=args.beside)
     return Gateway(stack.enter_context(mesh), [society], outside, say)
+
+
+main: Final = Command(
+    "armadico ros2",
+    Options,
+    run,
+    "Publish a society as ROS 2 topics: tf, odometry, pose, sensors, maps, path, obstacles and"
+    " who holds what. A goal_pose is a mission. No ROS is needed here.",
+    EXAMPLES,
+)

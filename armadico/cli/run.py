@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import replace
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +16,8 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options, progress
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.run_options import POSE, add_options, check_connect, choose
+from armadico.cli.parsing import POSE, Command, flag, option
+from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
 from armadico.config.errors import ConfigError
 from armadico.runtime.errors import SocietyError
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
-    from armadico.launch.society import Options
+    from armadico.launch.society import Options as Chosen
     from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.measures import Result, RunWatch
@@ -57,13 +57,23 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options(Drive):
+    goal: tuple[float, float, float] | None = option(
+        "where it is to go: m, m, degrees", metavar=X_Y_DEG, must=POSE
+    )
+    robots: int | None = option(
+        "of a scenario with tasks for several: so many; with --attach, at least", metavar="N"
+    )
+    replace: bool = flag("with --attach, to a fleet: these tasks instead of those that it works on")
+
+
+def run(args: Options) -> int:
     """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
-    args = parser().parse_args(argv)
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
-            from armadico.config.discovery import RUNS, find  # noqa: PLC0415 - not for --help
+            from armadico.config.discovery import RUNS, find
 
             code: int = find(RUNS, "tasks").load()(args, scenario, chosen)
             return code
@@ -74,24 +84,25 @@ def main(argv: Sequence[str]) -> int:
 
 
 @contextmanager
-def answering(args: argparse.Namespace) -> Iterator[None]:
+def answering(args: Drive) -> Iterator[None]:
     """With `--json`, print a result for a run that is refused, too: `why` has the reason."""
     try:
         yield
     except (UsageError, ConfigError, SocietyError) as error:
-        if args.json:
-            _print_json([_not_driven(args, str(error))], several=args.runs is not None)
+        refused(args, error)
         raise
 
 
-def _not_driven(args: argparse.Namespace, why: str) -> Result:
-    from armadico.observe.measures import Result  # noqa: PLC0415 - not for --help
+def refused(args: Drive, error: Exception) -> None:
+    """With `--json`, print the result of a run that is refused."""
+    if not args.json:
+        return
+    from armadico.observe.measures import Result
 
-    mission: str | None = getattr(args, "mission", None)
-    return Result(
+    result = Result(
         scenario=Path(args.scenario or args.world or "empty").stem,
         seed=args.seed,
-        reached=False if mission is None else None,
+        reached=False if args.mission is None else None,
         td_m=0.0,
         fo_deg=None,
         tt_s=0.0,
@@ -100,12 +111,13 @@ def _not_driven(args: argparse.Namespace, why: str) -> Result:
         exchanges=0,
         collisions=None,
         min_clearance_m=None,
-        why=why,
-        done=None if mission is None else False,
+        why=str(error),
+        done=None if args.mission is None else False,
     )
+    _print_json([result], several=args.runs is not None)
 
 
-def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
+def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
     """Drive as it was chosen; the exit code."""
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
@@ -123,38 +135,12 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     return 0 if drawn and all(result.passed for result in results) else options.FAILED
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico run",
-        "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
-        " processes of their own on this machine, over Zenoh. It ends at the goal, or at its"
-        " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
-        EXAMPLES,
-    )
-    made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
-    made.add_argument(
-        "--robots",
-        type=int,
-        metavar="N",
-        help="of a scenario with tasks for several: so many; with --attach, at least",
-    )
-    made.add_argument(
-        "--replace",
-        action="store_true",
-        help="with --attach, to a fleet: these tasks instead of those that it works on",
-    )
-    add_options(made)
-    return made
-
-
-def _seeds(args: argparse.Namespace, scenario: Scenario) -> range:
+def _seeds(args: Drive, scenario: Scenario) -> range:
     first = scenario.seed if args.seed is None else args.seed
     return range(first, first + (args.runs or 1))
 
 
-def _series(
-    args: argparse.Namespace, scenario: Scenario, chosen: Options, seeds: range
-) -> list[_Driven]:
+def _series(args: Drive, scenario: Scenario, chosen: Chosen, seeds: range) -> list[_Driven]:
     """Every run's result, in the order of the seeds; virtual ones are driven on all cores."""
     drive = partial(_drive, args, scenario, chosen)
 
@@ -168,15 +154,15 @@ def _series(
             results.append(drive(seed))
             told(seed, results[-1])
         return results
-    from armadico.cli.pool import over  # noqa: PLC0415 - not for --help
+    from armadico.cli.pool import over
 
     jobs = min(os.cpu_count() or 1, len(seeds) // RUNS_FOR_A_WORKER)
     return over(drive, seeds, jobs, scenario.name, told)
 
 
-def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: int) -> _Driven:
+def _drive(args: Drive, scenario: Scenario, chosen: Chosen, seed: int) -> _Driven:
     """One run and its picture, in this process or in a worker's."""
-    from armadico.launch.api import Run  # noqa: PLC0415 - not for --help
+    from armadico.launch.api import Run
 
     drive, faults = _virtual if args.virtual else _live, list[str]()
     watch = drive(args, scenario, replace(chosen, seed=seed), faults.append)
@@ -193,9 +179,9 @@ def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: 
 
 
 def _virtual(
-    args: argparse.Namespace, scenario: Scenario, chosen: Options, report: Callable[[str], None]
+    args: Drive, scenario: Scenario, chosen: Chosen, report: Callable[[str], None]
 ) -> RunWatch:
-    from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - not for --help
+    from armadico.launch.virtual import Rehearsal
 
     rehearsal = Rehearsal(scenario, chosen)
     first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
@@ -212,17 +198,20 @@ def _virtual(
     return rehearsal.watch
 
 
-def _live(
-    args: argparse.Namespace, scenario: Scenario, chosen: Options, _: Callable[[str], None]
-) -> RunWatch:
-    mesh = options.join(args, starts=not args.attach)
+def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], None]) -> RunWatch:
+    from armadico.cli.beside import PAGE_ENDS, beside
+    from armadico.cli.record import recorder
+
+    watched = args.dashboard or args.wait
+    mesh = args.mesh.join(starts=not args.attach)
     check_connect(args)
     options.end_as_by_ctrl_c()
     try:
         with (
-            _beside(args, scenario),
+            beside(args.mesh, "page", scenario.world, wanted=args.page),
+            beside(args.mesh, "dashboard", scenario.world, wanted=watched, wait=args.wait),
             mesh,
-            _recorder(args, scenario, chosen.seed),
+            recorder(args.mesh, args.record and args.of_run(args.record, chosen.seed), scenario),
             _run_on(mesh, args, scenario, chosen) as run,
             progress.shown(_label(scenario, chosen)) as show,
         ):
@@ -237,8 +226,6 @@ def _live(
             if args.page and args.limit is None:
                 _stay(run)
             elif args.page:
-                from armadico.cli.beside import PAGE_ENDS  # noqa: PLC0415 - not for --help
-
                 options.say(PAGE_ENDS)
     except KeyboardInterrupt:
         if not args.attach:  # which has said what it leaves
@@ -257,92 +244,62 @@ def _stay(run: LiveRun) -> None:
             run.wait_on()
 
 
-def _label(scenario: Scenario, chosen: Options) -> str:
+def _label(scenario: Scenario, chosen: Chosen) -> str:
     return f"{scenario.name} seed {chosen.seed}"
 
 
-def _keep_map(args: argparse.Namespace, client: Client) -> None:
+def _keep_map(args: Drive, client: Client) -> None:
     """Save what was mapped, by `armadico explore --map`."""
-    if getattr(args, "map", None) is not None:
-        from armadico.cli.map import save  # noqa: PLC0415 - heavy
+    if args.map is not None:
+        from armadico.cli.map import save
 
         options.say(save(client, args.map))
 
 
-def _rescue_map(args: argparse.Namespace, client: Client) -> None:
+def _rescue_map(args: Drive, client: Client) -> None:
     """Save what was mapped until somebody interrupted it; the robot stands first."""
-    if getattr(args, "map", None) is None:
+    if args.map is None:
         return
     with suppress(SocietyError, FailedError):
         client.stop(by="armadico explore")
         _keep_map(args, client)
 
 
-def _run_on(
-    mesh: ZenohMesh, args: argparse.Namespace, scenario: Scenario, chosen: Options
-) -> LiveRun:
+def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) -> LiveRun:
     """The run, with processes of its own or of others."""
     if args.attach:
-        from armadico.launch.attached import AttachedRun  # noqa: PLC0415 - not for --help
+        from armadico.launch.attached import AttachedRun
 
-        options.say(f"{scenario.name}: by the society in namespace {args.namespace!r}")
+        options.say(f"{scenario.name}: by the society in namespace {args.mesh.namespace!r}")
         return AttachedRun(scenario, chosen, mesh)
-    from armadico.launch.local import Launcher  # noqa: PLC0415 - not for --help
+    from armadico.launch.local import Launcher
 
-    joining = options.joining(args)
-    launcher = Launcher(scenario, chosen, mesh, args.namespace, joining=joining)
+    joining = args.mesh.endpoints().words
+    launcher = Launcher(scenario, chosen, mesh, mesh.namespace, joining=joining)
     options.say(f"{scenario.name}: starting; until it ends well, logs are in {launcher.logs}")
     return launcher
 
 
-def _own(args: argparse.Namespace, path: Path, seed: int) -> Path:
-    return path if args.runs is None else path.with_stem(f"{path.stem}-{seed}")
-
-
-def _recorder(
-    args: argparse.Namespace, scenario: Scenario, seed: int
-) -> AbstractContextManager[None]:
-    """A recorder beside a live run, if it is asked for."""
-    if args.record is None:
-        return nullcontext()
-    from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
-
-    return recorder(args, _own(args, args.record, seed), scenario)
-
-
 @contextmanager
 def _recording(
-    args: argparse.Namespace,
+    args: Drive,
     scenario: Scenario,
     rehearsal: Rehearsal,
     report: Callable[[str], None],
 ) -> Iterator[None]:
     """A virtual run is kept in files, if they are asked for. Raises FailedError."""
-    from armadico.cli.record import beside_a_run  # noqa: PLC0415 - not for --help
+    from armadico.cli.record import beside_a_run
 
     with beside_a_run(report) as stack:
         if args.rrd is not None:
-            from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
+            from armadico.cli.dashboard import kept
 
-            stack.enter_context(kept(rehearsal, _own(args, args.rrd, rehearsal.mesh.seed)))
+            stack.enter_context(kept(rehearsal, args.of_run(args.rrd, rehearsal.mesh.seed)))
         if args.record is not None:
-            from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
+            from armadico.cli.record import recorded
 
-            path = _own(args, args.record, rehearsal.mesh.seed)
+            path = args.of_run(args.record, rehearsal.mesh.seed)
             stack.enter_context(recorded(rehearsal.mesh, path, scenario, rehearsal.namespace))
-        yield
-
-
-@contextmanager
-def _beside(args: argparse.Namespace, scenario: Scenario) -> Iterator[None]:
-    """A dashboard and a page beside a live run, as far as they are asked for."""
-    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
-
-    with ExitStack() as stack:
-        if args.page:
-            stack.enter_context(beside(args, "page", scenario.world))
-        if args.dashboard or args.wait:
-            stack.enter_context(beside(args, "dashboard", scenario.world, wait=args.wait))
         yield
 
 
@@ -350,7 +307,7 @@ def _beside(args: argparse.Namespace, scenario: Scenario) -> Iterator[None]:
 
 
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
-    import msgspec  # noqa: PLC0415 - not for --help
+    import msgspec
 
     rows = msgspec.to_builtins(list(results))
     print(json.dumps({"runs": rows, **statistics(results)} if several else rows[0]))
@@ -359,13 +316,13 @@ def _print_json(results: Sequence[Result], *, several: bool) -> None:
 NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"
 
 
-def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | None:
+def _picture(args: Drive, scenario: Scenario, seed: int) -> Path | None:
     """Where the picture goes: as asked for; a live run leaves one without being asked."""
     path: Path | None = args.plot
     if args.no_plot or (path is None and args.virtual):
         return None
     path = path or Path("runs") / f"{scenario.name}.png"
-    return path.with_stem(f"{path.stem}-{seed}") if args.runs is not None else path
+    return args.of_run(path, seed)
 
 
 def _check_picture(path: Path | None) -> None:
@@ -395,3 +352,15 @@ def _plot(path: Path, run: Run) -> None:
         options.say(f"no picture: cannot write {path}: {error.strerror}")
     else:
         options.say(f"picture: {path}")
+
+
+main: Final = Command(
+    "armadico run",
+    Options,
+    run,
+    "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
+    " processes of their own on this machine, over Zenoh. It ends at the goal, or at its"
+    " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
+    EXAMPLES,
+    refused,
+)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from armadico.cli import options
 from armadico.cli.get import shown
+from armadico.cli.parsing import Command, argument, flag, group, option
 
 EXAMPLES: Final = """\
   armadico get goto                          what may be changed, and to what
@@ -23,15 +23,23 @@ EXAMPLES: Final = """\
 Value = bool | float | str | None
 
 
-def main(argv: Sequence[str]) -> int:
-    """Change parameters, all or none."""
-    args = parser().parse_args(argv)
-    values = dict(map(_read, args.values))
-    from armadico.config.parameters import SAVED, save  # noqa: PLC0415 - not for --help
-    from armadico.runtime.client import Client  # noqa: PLC0415
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    agent: str = argument("a name, or an instance's id", metavar="AGENT")
+    values: tuple[str, ...] = argument("as `armadico get` shows", nargs="+", metavar="NAME=VALUE")
+    save: bool = flag("in parameters.toml of this folder, too")
+    file: Path | None = option("or in this file", metavar="FILE")
+    timeout: float = options.timeout_option("how long the agent may take to answer", 2.0)
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
 
-    with options.joined(args) as mesh:
-        reply = Client(mesh).change(args.agent, values, by="armadico set", timeout=args.timeout)
+
+def run(args: Options) -> int:
+    """Change parameters, all or none."""
+    values = dict(map(_read, args.values))
+    from armadico.config.parameters import SAVED, save
+
+    with args.mesh.client() as client:
+        reply = client.change(args.agent, values, by="armadico set", timeout=args.timeout)
     rows = {row.name: row for row in reply.parameters}
     for name in values:
         row = rows[name]
@@ -42,23 +50,6 @@ def main(argv: Sequence[str]) -> int:
         save(path, reply.instance.rpartition("-")[0], {n: json.loads(rows[n].json) for n in values})
         print(f"saved: `--parameters {path}` of `up` and `run` starts with it")
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico set",
-        "Change parameters of an agent that is at work. It refuses what is out of range, and says"
-        " what is right; of several values it takes all or none. Whoever is started again is told;"
-        " a society that starts anew begins with what it was started with, unless that is saved.",
-        EXAMPLES,
-    )
-    made.add_argument("agent", metavar="AGENT", help="a name, or an instance's id")
-    made.add_argument("values", nargs="+", metavar="NAME=VALUE", help="as `armadico get` shows")
-    made.add_argument("--save", action="store_true", help="in parameters.toml of this folder, too")
-    made.add_argument("--file", type=Path, metavar="FILE", help="or in this file")
-    options.add_timeout(made, "how long the agent may take to answer", 2.0)
-    options.add_mesh_options(made)
-    return made
 
 
 def _read(setting: str) -> tuple[str, Value]:
@@ -76,3 +67,14 @@ def _read(setting: str) -> tuple[str, Value]:
         return name, int(text) if text.lstrip("+-").isdigit() else float(text)
     except ValueError:
         return name, text
+
+
+main: Final = Command(
+    "armadico set",
+    Options,
+    run,
+    "Change parameters of an agent that is at work. It refuses what is out of range, and says"
+    " what is right; of several values it takes all or none. Whoever is started again is told;"
+    " a society that starts anew begins with what it was started with, unless that is saved.",
+    EXAMPLES,
+)

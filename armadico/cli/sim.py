@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import secrets
@@ -12,10 +11,13 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
+from armadico.cli.parsing import PORT as LISTEN
+from armadico.cli.parsing import Command, argument, group, option, several
 
 if TYPE_CHECKING:
     from armadico.bridge.simulator.server import Line
@@ -45,25 +47,84 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    _name(args)
-    mesh = options.join(args, passing=False, starts=True)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    world: str = ""  # of the names, as `_named` tells it
+    named: tuple[str, ...] = argument(
+        "a shipped world, or a .map or .yaml file; before it a robot's profile (default"
+        f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
+        nargs="+",
+        metavar="NAME",
+    )
+    port: int = option(
+        f"TCP port (default {PORT}; 0: one that is free)", default=PORT, must=LISTEN, either="line"
+    )
+    pty: str | None = option(
+        "a pseudo-terminal instead", either="line", metavar="LINK", nargs="?", const=""
+    )
+    ros2: str | None = option(
+        "as a ROS 2 robot, which any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for"
+        " DDS, ros2+zenoh://HOST:PORT/NAMESPACE to be the router of rmw_zenoh's nodes (default"
+        f" {LOOPBACK}: DDS within this machine)",
+        either="line",
+        metavar="ADDRESS",
+        nargs="?",
+        const=LOOPBACK,
+    )
+    bind: str = option(
+        "where to listen (default: loopback)", default="127.0.0.1", metavar="ADDRESS"
+    )
+    start: tuple[float, float, float] | None = option(
+        "where it stands, m, m, degrees (default: the world's own start, or 0 0 0)",
+        metavar=("X", "Y", "DEG"),
+    )
+    also: tuple[tuple[str, str, str, str], ...] = several(
+        "another robot in the same world: its namespace, and where it stands; at a port that"
+        " is free; may be repeated",
+        metavar=("NS", "X", "Y", "DEG"),
+    )
+    robot: str = option("the robot, if it is not named before", default="", metavar="PROFILE")
+    sensors: str = option(
+        "default %(default)s", default="ideal", choices=("glass", "ideal", "real")
+    )
+    moving: str = option("a scenario's [[moving]], as a list", default="[]", metavar="JSON")
+    charge: float = option(
+        "of the battery that is left (default 1, full)", default=1.0, metavar="SHARE"
+    )
+    capacity: float | None = option(
+        "of the battery, Ah (default: the robot profile's)", metavar="AH"
+    )
+    unkind: tuple[str, ...] | None = option(
+        "do to the client what other controllers do: all of"
+        f" {', '.join(trap.value for trap in Trap)}, or those named",
+        nargs="*",
+        choices=[trap.value for trap in Trap],
+        metavar="TRAP",
+    )
+    seed: int = option("of all noise (default 0)", default=0)
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def run(args: Options) -> int:
+    args = _named(args)
+    mesh = args.mesh.join(passing=False, starts=True)
     scenario = _scenario(args)
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
-    _meet(robots)
+    try:
+        robots[0].meet(*robots[1:])
+    except ValueError as error:  # two would stand in each other
+        raise options.UsageError(f"--also: {error}") from None
     with ExitStack() as stack:
         line, where = _line(args, robots[0].truth().simulator, stack)
         served, places = [(robots[0], line)], [where]
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
-            theirs = argparse.Namespace(**{**vars(args), "namespace": namespace, "port": 0})
-            if args.ros2 is not None:
-                theirs.ros2 = _beside(args.ros2, namespace)
+            ros2 = None if args.ros2 is None else _beside(args.ros2, namespace)
+            theirs = replace(args, port=0, ros2=ros2)
             line, where = _line(theirs, other.truth().simulator, stack)
             served.append((other, line))
             places.append(where)
-            _show(other, options.join(theirs, starts=True), stack)
+            _show(other, args.mesh.of(namespace).join(starts=True), stack)
         several = f"a simulated {args.robot}"
         if args.also:
             several = f"{len(robots)} simulated robots ({args.robot})"
@@ -76,32 +137,24 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _name(args: argparse.Namespace) -> None:
-    """Tell the robot from the world, of the names that are given. Raises UsageError."""
-    from armadico.bridge.kind import kind_of  # noqa: PLC0415 - not for --help
-    from armadico.config.loading import names  # noqa: PLC0415 - not for --help
-    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+def _named(args: Options) -> Options:
+    """With the robot told from the world, of the names that are given. Raises UsageError."""
+    from armadico.bridge.kind import kind_of
+    from armadico.config.loading import names
+    from armadico.config.profile import load_profile
 
-    *robots, args.world = args.named
-    if not robots and args.world in names("robots"):
-        robots, args.world = [args.world], "empty"
+    *robots, world = args.named
+    if not robots and world in names("robots"):
+        robots, world = [world], "empty"
     if len(robots) > 1:
         named = " ".join(args.named)
         raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
-    if robots and args.robot is not None:
+    if robots and args.robot:
         raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
-    args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
-    if args.unkind is not None and not kind_of(load_profile(args.robot)).unkind:
-        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {args.robot}")
-
-
-def _meet(robots: Sequence[SimulatedRobot]) -> None:
-    """Have them live in one world. Raises UsageError if two would stand in each other."""
-    if len(robots) > 1:
-        try:
-            robots[0].meet(*robots[1:])
-        except ValueError as error:
-            raise options.UsageError(f"--also: {error}") from None
+    robot = args.robot or "".join(robots) or DEFAULT_ROBOT
+    if args.unkind is not None and not kind_of(load_profile(robot)).unkind:
+        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {robot}")
+    return replace(args, world=world, robot=robot)
 
 
 def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
@@ -113,7 +166,7 @@ def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
 
 def _remark(mesh: ZenohMesh) -> None:
     """Say who else is a simulator in the namespace."""
-    from armadico.mobile.messages import Truth  # noqa: PLC0415 - not for --help
+    from armadico.mobile.messages import Truth
 
     known: set[str] = set()
 
@@ -131,97 +184,12 @@ def _remark(mesh: ZenohMesh) -> None:
     mesh.subscribe(KEY, heard)
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico sim",
-        "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"
-        " watchers the truth on sim/truth.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "named",
-        nargs="+",
-        metavar="NAME",
-        help="a shipped world, or a .map or .yaml file; before it a robot's profile (default"
-        f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
-    )
-    line = made.add_mutually_exclusive_group()
-    line.add_argument(
-        "--port", type=int, default=PORT, help=f"TCP port (default {PORT}; 0: one that is free)"
-    )
-    line.add_argument(
-        "--pty", metavar="LINK", nargs="?", const="", help="a pseudo-terminal instead"
-    )
-    line.add_argument(
-        "--ros2",
-        metavar="ADDRESS",
-        nargs="?",
-        const=LOOPBACK,
-        help="as a ROS 2 robot, which any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for"
-        " DDS, ros2+zenoh://HOST:PORT/NAMESPACE to be the router of rmw_zenoh's nodes (default"
-        f" {LOOPBACK}: DDS within this machine)",
-    )
-    made.add_argument(
-        "--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default: loopback)"
-    )
-    made.add_argument(
-        "--start",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "DEG"),
-        help="where it stands, m, m, degrees (default: the world's own start, or 0 0 0)",
-    )
-    made.add_argument(
-        "--also",
-        nargs=4,
-        action="append",
-        default=[],
-        metavar=("NS", "X", "Y", "DEG"),
-        help="another robot in the same world: its namespace, and where it stands; at a port that"
-        " is free; may be repeated",
-    )
-    made.add_argument("--robot", metavar="PROFILE", help="the robot, if it is not named before")
-    made.add_argument(
-        "--sensors", choices=("glass", "ideal", "real"), default="ideal", help="default %(default)s"
-    )
-    made.add_argument(
-        "--moving",
-        metavar="JSON",
-        default="[]",
-        help="a scenario's [[moving]], as a list",
-    )
-    made.add_argument(
-        "--charge",
-        type=float,
-        default=1.0,
-        metavar="SHARE",
-        help="of the battery that is left (default 1, full)",
-    )
-    made.add_argument(
-        "--capacity",
-        type=float,
-        metavar="AH",
-        help="of the battery, Ah (default: the robot profile's)",
-    )
-    made.add_argument(
-        "--unkind",
-        nargs="*",
-        choices=[trap.value for trap in Trap],
-        metavar="TRAP",
-        help="do to the client what other controllers do: all of"
-        f" {', '.join(trap.value for trap in Trap)}, or those named",
-    )
-    made.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
-    options.add_mesh_options(made)
-    return made
-
-
-def _scenario(args: argparse.Namespace) -> Scenario:
+def _scenario(args: Options) -> Scenario:
     """The scenario that the options describe. Raises UsageError or ConfigError."""
-    from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
-    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
-    from armadico.config.scenarios import Scenario  # noqa: PLC0415 - not for --help
-    from armadico.config.worlds import bare, load_world  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.microcontroller import WORLD_M
+    from armadico.config.profile import load_profile
+    from armadico.config.scenarios import Scenario
+    from armadico.config.worlds import bare, load_world
 
     world = load_world(args.world)
     if warning := bare(args.world):
@@ -252,9 +220,9 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     )
 
 
-def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
+def _others(args: Options) -> tuple[tuple[float, float, float], ...]:
     """Where the other robots stand. Raises UsageError."""
-    from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.microcontroller import WORLD_M
 
     found = []
     for namespace, *numbers in args.also:
@@ -268,7 +236,7 @@ def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
                 f"--also {namespace} {said}: expected m and m within {WORLD_M:g} m, and degrees"
             )
         found.append((x, y, math.radians(heading)))
-    names = [args.namespace, *(also[0] for also in args.also)]
+    names = [args.mesh.namespace, *(also[0] for also in args.also)]
     if len(set(names)) < len(names):
         raise options.UsageError(f"--also: two robots in one namespace, of {', '.join(names)}")
     if found and args.moving != "[]":
@@ -277,9 +245,9 @@ def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
 
 
 def _battery(charge: float, capacity: float | None) -> Battery:
-    import msgspec  # noqa: PLC0415 - not for --help
+    import msgspec
 
-    from armadico.config.scenarios import Battery  # noqa: PLC0415 - not for --help
+    from armadico.config.scenarios import Battery
 
     given = {"charge": charge, "capacity_ah": capacity}
     try:
@@ -289,9 +257,9 @@ def _battery(charge: float, capacity: float | None) -> Battery:
 
 
 def _moving(text: str) -> tuple[Moving, ...]:
-    import msgspec  # noqa: PLC0415 - not for --help
+    import msgspec
 
-    from armadico.config.moving import Moving  # noqa: PLC0415 - not for --help
+    from armadico.config.moving import Moving
 
     try:
         return msgspec.json.decode(text, type=tuple[Moving, ...])
@@ -299,22 +267,23 @@ def _moving(text: str) -> tuple[Moving, ...]:
         raise options.UsageError(f"--moving: {error}") from None
 
 
-def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> SimulatedRobot:
+def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
     """The robot, or one of the others; it does not start in a wall."""
-    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+    from msgspec.structs import replace as with_
 
-    from armadico.bridge.kind import simulated  # noqa: PLC0415 - not for --help
-    from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
+    from armadico.bridge.kind import simulated
+    from armadico.bridge.simulator.plant import seeded
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
     if args.ros2 is not None:
-        name = _node(args, args.also[index - 1][0] if index else None)
+        name = _node(args.ros2, args.robot, args.also[index - 1][0] if index else None)
     streams = seeded(args.seed)
     if index:
-        scenario = replace(scenario, start=scenario.others[index - 1])
+        scenario = with_(scenario, start=scenario.others[index - 1])
         first, streams = streams, lambda name: first(f"{index}/{name}")
-    traps = _traps(args.unkind)
+    # Of those that are named, or of all.
+    traps = KIND if args.unkind is None else frozenset(map(Trap, args.unkind)) or UNKIND
     robot = simulated(scenario, streams, name, traps=traps, clock_s=time.time())
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
@@ -325,18 +294,13 @@ def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Simu
     return robot
 
 
-def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
-    """Those of `--unkind`: every one if it names none."""
-    return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
-
-
-def _line(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
+def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
     if args.ros2 is not None:
-        return _ros2(args, name, stack)
-    from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
-    from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
-    from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
+        return _ros2(args.ros2, args.robot, name, stack), args.ros2
+    from armadico.bridge.simulator.server import TcpLine
+    from armadico.bridge.transports import PtyTransport
+    from armadico.cli.doctor import listener
 
     if args.pty is not None:
         pty = PtyTransport(args.pty)
@@ -348,8 +312,6 @@ def _line(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, 
             ) from None
         stack.callback(pty.close)
         return pty, f"serial://{pty.path}"
-    if not 0 <= args.port < 2**16:
-        raise options.UsageError(f"--port {args.port}: from 0 to 65535")
     try:
         # A simulator that is driven listens no more: its port could be bound, and never freed.
         if args.port and (owner := listener(args.port)):
@@ -364,25 +326,25 @@ def _line(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, 
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
-def _node(args: argparse.Namespace, namespace: str | None) -> str:
+def _node(ros2: str, robot: str, namespace: str | None) -> str:
     """The whole name of a simulated robot's node; of another one than the first by its namespace.
 
     Raises UsageError.
     """
-    from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
-    from armadico.bridge.ros2.graph import resolve  # noqa: PLC0415 - not for --help
+    from armadico.bridge.ros2.addresses import read_address
+    from armadico.bridge.ros2.graph import resolve
 
     try:
-        within = read_address(args.ros2).namespace if namespace is None else namespace
+        within = read_address(ros2).namespace if namespace is None else namespace
     except ValueError as error:
         raise options.UsageError(f"--ros2: {error}") from None
-    kind = "".join(c if c.isascii() and c.isalnum() else "_" for c in args.robot)
+    kind = "".join(c if c.isascii() and c.isalnum() else "_" for c in robot)
     return resolve(within, f"sim_{kind}_{secrets.token_hex(3)}")
 
 
 def _beside(address: str, namespace: str) -> str:
     """The address of another robot in the same network of ROS 2's."""
-    from urllib.parse import urlsplit  # noqa: PLC0415 - not for --help
+    from urllib.parse import urlsplit
 
     parts = urlsplit(address)
     if parts.scheme == "ros2":
@@ -390,20 +352,20 @@ def _beside(address: str, namespace: str) -> str:
     return parts._replace(path=f"/{namespace}").geturl()
 
 
-def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
-    """The robot as one of ROS 2's, at the address that the options name."""
-    from armadico.bridge.ros2 import addresses  # noqa: PLC0415 - not for --help
-    from armadico.bridge.ros2.profile import Ros2Robot  # noqa: PLC0415 - not for --help
-    from armadico.bridge.simulator.ros2_line import Ros2Line  # noqa: PLC0415 - not for --help
-    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+def _ros2(address: str, robot: str, name: str, stack: ExitStack) -> Line:
+    """The robot as one of ROS 2's, at an address."""
+    from armadico.bridge.ros2 import addresses
+    from armadico.bridge.ros2.profile import Ros2Robot
+    from armadico.bridge.simulator.ros2_line import Ros2Line
+    from armadico.config.profile import load_profile
 
-    profile = load_profile(args.robot)
+    profile = load_profile(robot)
     if not isinstance(profile, Ros2Robot):
         raise options.UsageError(
-            f"--ros2: {args.robot} does not speak ROS 2; say armadico sim jackal --ros2"
+            f"--ros2: {robot} does not speak ROS 2; say armadico sim jackal --ros2"
         )
     try:
-        transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])
+        transport = addresses.robot_transport(address, name.rpartition("/")[2])
     except ValueError as error:
         raise options.UsageError(f"--ros2: {error}") from None
     try:
@@ -411,12 +373,12 @@ def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, 
     except OSError as error:
         raise options.FailedError(f"--ros2: {error}") from None
     stack.callback(line.close)
-    return line, args.ros2
+    return line
 
 
 def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
     """Serve until interrupted: the first robot here, each of the others on a thread."""
-    from armadico.bridge.simulator.server import Pace, Simulation  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.server import Pace, Simulation
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -432,3 +394,13 @@ def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
         ended.set()
         for thread in threads:
             thread.join()
+
+
+main: Final = Command(
+    "armadico sim",
+    Options,
+    run,
+    "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"
+    " watchers the truth on sim/truth.",
+    EXAMPLES,
+)

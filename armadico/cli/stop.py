@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
 from typing import Final
 
-from armadico.cli import latch
+from armadico.cli.latch import Options, latch
+from armadico.cli.parsing import Command
 
 EXAMPLES: Final = """\
   armadico stop                       nobody drives it until `armadico resume`
@@ -14,14 +13,15 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+def run(args: Options) -> int:
     """Stop the robot; it stays stopped until `armadico resume`."""
-    return latch.latch(parser().parse_args(argv), stopped=True)
+    return latch(args, stopped=True)
 
 
-def parser() -> argparse.ArgumentParser:
-    return latch.parser(
-        "armadico stop",
-        "Stop the robot, whoever drives it. It stays stopped until `armadico resume`.",
-        EXAMPLES,
-    )
+main: Final = Command(
+    "armadico stop",
+    Options,
+    run,
+    "Stop the robot, whoever drives it. It stays stopped until `armadico resume`.",
+    EXAMPLES,
+)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import socket
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, flag, group, option
 from armadico.config.discovery import providers
 from armadico.runtime.errors import AbsentError
 
@@ -34,17 +35,30 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
-    live = sys.stdout.isatty() and not (args.once or args.json)
-    from armadico.observe.view import View  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    once: bool = flag("measure, print once, end; so it does into a pipe")
+    json: bool = flag("the same as one JSON object")
+    for_s: float = option(
+        "with --once and --json: measure for so long (default: 3 s)",
+        "--for",
+        default=3.0,
+        read=options.seconds,
+        metavar="S",
+    )
+    mesh: options.Mesh = group(options.Mesh, "the mesh")
 
-    with options.join(args, starts=True) if live else options.joined(args) as mesh:
+
+def run(args: Options) -> int:
+    live = sys.stdout.isatty() and not (args.once or args.json)
+    from armadico.observe.view import View
+    from armadico.observe.watching import Watcher
+
+    with args.mesh.join(starts=True) if live else args.mesh.joined() as mesh:
         watcher = Watcher([mesh])
         watcher.watch_alive()
         watcher.hear()
-        snapshots = Snapshots(View(), args.namespace, options.agents_by_host(args))
+        snapshots = Snapshots(View(), args.mesh.namespace, args.mesh.agents_by_host())
         watcher.watch_router(snapshots.view)
         if live:
             return _live(snapshots, watcher)
@@ -53,36 +67,12 @@ def main(argv: Sequence[str]) -> int:
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
-        from rich.console import Console  # noqa: PLC0415 - not for --help
+        from rich.console import Console
 
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
-        raise AbsentError("no agent is alive", args.namespace)
+        raise AbsentError("no agent is alive", args.mesh.namespace)
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico top",
-        "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"
-        " the table of services promises. MISSED counts silences longer than a key's deadline. CPU"
-        " and memory are known for agents of this machine.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "--once", action="store_true", help="measure, print once, end; so it does into a pipe"
-    )
-    made.add_argument("--json", action="store_true", help="the same as one JSON object")
-    made.add_argument(
-        "--for",
-        dest="for_s",
-        type=options.seconds,
-        default=3.0,
-        metavar="S",
-        help="with --once and --json: measure for so long (default: 3 s)",
-    )
-    options.add_mesh_options(made)
-    return made
 
 
 class Snapshots:
@@ -95,7 +85,7 @@ class Snapshots:
 
     def at(self, now: float) -> dict[str, Any]:
         """Everything; the time is s of the watcher's clock."""
-        from armadico.observe import described  # noqa: PLC0415 - not for --help
+        from armadico.observe import described
 
         view, stands = self.view, None
         if view.state is not None:
@@ -114,7 +104,7 @@ class Snapshots:
 
     def _process(self, seen: Seen) -> dict[str, Any]:
         """CPU in per cent of one core since the last look, memory in MB; of this host's agents."""
-        import psutil  # noqa: PLC0415 - not for --help
+        import psutil
 
         if seen.card is None or seen.card.host != socket.gethostname():
             return {}
@@ -128,7 +118,7 @@ class Snapshots:
 
 
 def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
-    from armadico.observe.watching import show  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import show
 
     end = time.monotonic() + for_s
     ask_at = time.monotonic()
@@ -147,11 +137,11 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
 
 
 def _live(snapshots: Snapshots, watcher: Watcher) -> int:
-    from rich.console import Group  # noqa: PLC0415 - not for --help
-    from rich.live import Live  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.console import Group
+    from rich.live import Live
+    from rich.text import Text
 
-    from armadico.observe.watching import show  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import show
 
     (mesh,) = watcher.meshes
     with Live(auto_refresh=False, screen=True) as live:
@@ -174,8 +164,8 @@ def _live(snapshots: Snapshots, watcher: Watcher) -> int:
 
 
 def tables(snapshot: dict[str, Any]) -> Group:
-    from rich.console import Group  # noqa: PLC0415 - not for --help
-    from rich.text import Text  # noqa: PLC0415 - not for --help
+    from rich.console import Group
+    from rich.text import Text
 
     heading = Text(options.shown(_heading(snapshot)), style="bold")
     agents = [
@@ -241,8 +231,8 @@ def _heading(snapshot: dict[str, Any]) -> str:
 
 
 def _table(titles: Sequence[str], rows: Sequence[Sequence[Any]], late: int | None = None) -> Any:
-    from rich.table import Table  # noqa: PLC0415 - not for --help
-    from rich.text import Text  # noqa: PLC0415 - not for --help
+    from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, header_style="bold cyan", pad_edge=False, expand=False)
     for title in titles:
@@ -263,3 +253,14 @@ def _short(instance: str | None) -> str:
 
 def _number(value: float | None, digits: int) -> str:
     return "" if value is None else f"{value:.{digits}f}"
+
+
+main: Final = Command(
+    "armadico top",
+    Options,
+    run,
+    "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"
+    " the table of services promises. MISSED counts silences longer than a key's deadline. CPU"
+    " and memory are known for agents of this machine.",
+    EXAMPLES,
+)

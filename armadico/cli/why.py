@@ -5,15 +5,15 @@ Of a recording, or of a society that is there.
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
@@ -44,6 +44,10 @@ EXAMPLES: Final = """\
 """
 
 
+COUNTED: Final = Must(lambda number: number >= 1, "counted from 1")
+NOT_BEFORE: Final = Must(lambda at: at >= 0.0, "that is before its first message")
+
+
 class Told(NamedTuple):
     """An answer: for people, and for programs."""
 
@@ -51,12 +55,57 @@ class Told(NamedTuple):
     found: Any
 
 
-def main(argv: Sequence[str]) -> int:
-    args = parser().parse_args(argv)
+@dataclass(frozen=True, kw_only=True)
+class _Robot(options.Mesh):
+    """The mesh; of a recording of one robot the namespace need not be given."""
+
+    namespace: str = option(options.NAMESPACE_HELP, default="", metavar="NS")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    file: Path | None = argument("a recording", nargs="?", metavar="FILE.mcap", must=FILE)
+    live: bool = flag("a society that is there, instead")
+    collision: int | None = option(
+        "what it touched (default: the first)",
+        nargs="?",
+        const=1,
+        metavar="N",
+        must=COUNTED,
+        either="what",
+    )
+    stop: int | None = option(
+        "who stopped it (default: the first)",
+        nargs="?",
+        const=1,
+        metavar="N",
+        must=COUNTED,
+        either="what",
+    )
+    exchange: int | None = option(
+        "why another agent drives, the N-th time", metavar="N", must=COUNTED, either="what"
+    )
+    standing: bool = flag("why the robot stands", either="what")
+    at: float | None = option(
+        "a moment, s from the recording's first message", metavar="T", must=NOT_BEFORE
+    )
+    resource: str = option("of --exchange (default: wheels)", default="wheels", metavar="NAME")
+    for_s: float = option(
+        "with --live: listen for so long (default: 3 s)",
+        "--for",
+        default=3.0,
+        read=options.seconds,
+        metavar="S",
+    )
+    json: bool = flag("one JSON object, for programs")
+    mesh: _Robot = group(_Robot, "the mesh")
+
+
+def run(args: Options) -> int:
     _check(args)
-    told = _live(args) if args.live else _recorded(args)
+    told = _live(args) if args.file is None else _recorded(args, args.file)
     if args.json:
-        import msgspec  # noqa: PLC0415 - not for --help
+        import msgspec
 
         print(json.dumps(msgspec.to_builtins(told.found), indent=2))
     else:
@@ -65,76 +114,31 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico why",
-        "Why a society did what it did: each contender's bid and what it was made of, who held the"
-        " resource, what the exchange blended, what the robot obeyed or refused. Without a"
-        " question: what happened in a recording, or this moment live. Losers publish nothing, so"
-        " they are asked, or a recording has what they answered.",
-        EXAMPLES,
-    )
-    made.add_argument("file", nargs="?", metavar="FILE.mcap", type=Path, help="a recording")
-    made.add_argument("--live", action="store_true", help="a society that is there, instead")
-    what = made.add_mutually_exclusive_group()
-    number: dict[str, Any] = {"type": int, "metavar": "N"}
-    what.add_argument(
-        "--collision", nargs="?", const=1, help="what it touched (default: the first)", **number
-    )
-    what.add_argument(
-        "--stop", nargs="?", const=1, help="who stopped it (default: the first)", **number
-    )
-    what.add_argument("--exchange", help="why another agent drives, the N-th time", **number)
-    what.add_argument("--standing", action="store_true", help="why the robot stands")
-    made.add_argument(
-        "--at", type=float, metavar="T", help="a moment, s from the recording's first message"
-    )
-    made.add_argument(
-        "--resource", default="wheels", metavar="NAME", help="of --exchange (default: wheels)"
-    )
-    made.add_argument(
-        "--for",
-        dest="for_s",
-        type=options.seconds,
-        default=3.0,
-        metavar="S",
-        help="with --live: listen for so long (default: 3 s)",
-    )
-    made.add_argument("--json", action="store_true", help="one JSON object, for programs")
-    options.add_mesh_options(made)
-    made.set_defaults(namespace=None)
-    return made
-
-
-def _check(args: argparse.Namespace) -> None:
+def _check(args: Options) -> None:
     """Raises UsageError."""
     if args.live == (args.file is not None):
         raise UsageError("name a recording, or --live" if not args.live else "a FILE, or --live")
     past = {"--collision": args.collision, "--exchange": args.exchange, "--at": args.at}
-    for option, value in past.items():
+    for name, value in past.items():
         if args.live and value is not None:
-            raise UsageError(f"{option} asks for what is over: of a recording (`armadico record`)")
-    if args.at is not None and not args.at >= 0.0:
-        raise UsageError(f"--at {args.at:g}: that is before its first message")
+            raise UsageError(f"{name} asks for what is over: of a recording (`armadico record`)")
     counted = {"--collision": args.collision, "--stop": args.stop, "--exchange": args.exchange}
-    for option, value in counted.items():
-        if value is not None and value < 1:
-            raise UsageError(f"{option} {value}: counted from 1")
+    for name, value in counted.items():
         if value is not None and args.at is not None:
-            raise UsageError(f"--at says when, and {option} too: one of both")
+            raise UsageError(f"--at says when, and {name} too: one of both")
 
 
 # Of a society that is there -----------------------------------------------------------------------
 
 
-def _live(args: argparse.Namespace) -> Told:
-    args.namespace = args.namespace or default_namespace()
-    hosts = options.agents_by_host(args)
-    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import Watcher, listen  # noqa: PLC0415 - not for --help
-    from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415 - not for --help
+def _live(args: Options) -> Told:
+    robot = args.mesh.of(args.mesh.namespace or default_namespace())
+    hosts = robot.agents_by_host()
+    from armadico.observe.standing import standing
+    from armadico.observe.watching import Watcher, listen
+    from armadico.observe.why import LATER_S, Chronicle
 
-    with options.joined(args) as mesh:
+    with robot.joined() as mesh:
         watcher = Watcher([mesh])
         chronicle = Chronicle(installed=providers, hosts=hosts, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
@@ -143,7 +147,7 @@ def _live(args: argparse.Namespace) -> Told:
         listen(watcher, chronicle, args.for_s)
         now = watcher.clock() / 1e9
         if not chronicle.view.alive:
-            raise AbsentError("no agent is alive", args.namespace)
+            raise AbsentError("no agent is alive", robot.namespace)
         if args.standing:
             return _standing(standing(chronicle.view, now, providers, hosts))
         if args.stop is not None:
@@ -157,29 +161,25 @@ def _live(args: argparse.Namespace) -> Told:
 # Of a recording -----------------------------------------------------------------------------------
 
 
-def _recorded(args: argparse.Namespace) -> Told:
-    if not args.file.is_file():
-        raise UsageError(f"{args.file}: no such file")
+def _recorded(args: Options, file: Path) -> Told:
     options.need("mcap", "record")
-    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
+    from armadico.observe.recordings import Past, RecordingError
 
     try:
-        return _answer(args)
+        return _answer(args, Past(file, options.teller("armadico why")))
     except RecordingError as error:
         raise UsageError(str(error)) from None
 
 
-def _answer(args: argparse.Namespace) -> Told:
+def _answer(args: Options, past: Past) -> Told:
     """By what was recorded; of who was not asked in time, by what its journal comes to again."""
-    from armadico.observe.explained import (  # noqa: PLC0415 - not for --help
+    from armadico.observe.explained import (
         Collision,
         Exchange,
         Moment,
         unasked,
     )
-    from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
 
-    past = Past(args.file, _warn)
     past.check()
     told = _read(args, past, {})
     if isinstance(told.found, Collision | Exchange | Moment) and (silent := unasked(told.found)):
@@ -190,7 +190,7 @@ def _answer(args: argparse.Namespace) -> Told:
 
 def _gone_through(past: Past, instances: set[str], at: float) -> Bids:
     """The bids of some about a time (s), by their journals, if these come to the same again."""
-    from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import Replay
 
     found: Bids = {}
     for journal in past.journals(instances):
@@ -203,12 +203,14 @@ def _gone_through(past: Past, instances: set[str], at: float) -> Bids:
     return found
 
 
-def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
-    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
-    from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415
+def _read(args: Options, past: Past, again: Bids) -> Told:
+    from armadico.observe.standing import standing
+    from armadico.observe.why import LATER_S, Chronicle
 
     chronicle, at = Chronicle(again, installed=providers), args.at
-    namespace, first, t, found = args.namespace, None, 0.0, None
+    namespace, t = args.mesh.namespace, 0.0
+    first: int | None = None
+    found: Standing | None = None
     others: set[str] = set()
     for row in past.rows():
         first = row.t if first is None else first
@@ -223,11 +225,11 @@ def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
         if at is not None and t > at + LATER_S:
             break
         _take(chronicle, row, t)
-    if args.namespace is None and others:
-        names = ", ".join(sorted({namespace or "", *others}))
+    if not args.mesh.namespace and others:
+        names = ", ".join(sorted({namespace, *others}))
         raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")
     if chronicle.view.state is None and not chronicle.view.cards:
-        of = "" if args.namespace is None else f" of {args.namespace!r}"
+        of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
         raise FailedError(f"{args.file} holds no messages{of}")
     if at is not None and found is None:
         raise UsageError(f"--at {at:g}: {args.file} is from 0 to {t:.1f} s")
@@ -239,7 +241,7 @@ def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
     return _event(args, chronicle, t)
 
 
-def _event(args: argparse.Namespace, chronicle: Chronicle, ends: float) -> Told:
+def _event(args: Options, chronicle: Chronicle, ends: float) -> Told:
     if args.collision is not None:
         return _one("collision", args.collision, chronicle.collisions)
     if args.stop is not None:
@@ -252,14 +254,14 @@ def _event(args: argparse.Namespace, chronicle: Chronicle, ends: float) -> Told:
 
 def _take(chronicle: Chronicle, row: Row, t: float) -> None:
     """Show it one row of a recording."""
-    from armadico.core.messages import (  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import (
         BidHistory,
         BidRecord,
         Card,
         MessageError,
     )
-    from armadico.observe.recorder import REFUSED  # noqa: PLC0415
-    from armadico.observe.recordings import HERE  # noqa: PLC0415
+    from armadico.observe.recorder import REFUSED
+    from armadico.observe.recordings import HERE
 
     if row.schema == HERE:
         here = row.fields
@@ -302,8 +304,8 @@ def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) 
 
 def _all(chronicle: Chronicle, ends: float) -> Told:
     """What happened, in a line each."""
-    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
-    from armadico.observe.view import agent_of  # noqa: PLC0415
+    from armadico.observe.standing import standing
+    from armadico.observe.view import agent_of
 
     last = standing(chronicle.view, ends, providers)
     exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
@@ -335,5 +337,13 @@ def _all(chronicle: Chronicle, ends: float) -> Told:
     return Told(said, found)
 
 
-def _warn(text: str) -> None:
-    print(f"armadico why: {text}", file=sys.stderr)
+main: Final = Command(
+    "armadico why",
+    Options,
+    run,
+    "Why a society did what it did: each contender's bid and what it was made of, who held the"
+    " resource, what the exchange blended, what the robot obeyed or refused. Without a"
+    " question: what happened in a recording, or this moment live. Losers publish nothing, so"
+    " they are asked, or a recording has what they answered.",
+    EXAMPLES,
+)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import AddressValueError, IPv6Address
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 from msgspec import Struct
@@ -29,9 +29,6 @@ from armadico.core.resources import WHEELS
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 """The links of Zenoh that have an address and a port."""
 
-HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
-"""The host table where `--hosts` names none: a file, or the name of a shipped one."""
-
 ANYWHERE: Final = ("0.0.0.0", "::")
 """Addresses to listen on, and none to connect to."""
 
@@ -39,15 +36,6 @@ _ENDPOINT = re.compile(r"^(?P<protocol>[a-z]+)/(?P<host>\[[^\]]*\]|[^/:\[\]\s#?]
 _HOST = re.compile(r"^[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?$")
 _TWICE = re.compile(r"^not TOML: Cannot declare \('(?P<name>[^']*)',\) twice")
 _SETTINGS = ("fleet",)
-
-_GONE: Final = {
-    "multicast": "hosts do not look for each other any more: leave it out",
-    "router": "the robot agent's process is the router now: write router = {value} below the host"
-    " that runs it, with an address of that machine",
-    "endpoints": "the robot's host has one port now: write router = {value} there, and on another"
-    ' host address = "{address}"',
-}
-"""What host tables had once, and what to write instead."""
 
 
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
@@ -138,38 +126,15 @@ def load_hosts(path: Path | str | None = None) -> HostTable:
     file = table_path("localhost" if path is None else path)
     text = read_text(file)
     entries = _entries(text, file)
-    above = {key: entries.pop(key) for key in _above(entries)}
-    for key in above.keys() & _GONE.keys():
-        _refuse_gone(key, above[key], file, line_of(text, (key,)))
+    # A table of the name of a setting is a host.
+    above = {k: entries.pop(k) for k in _SETTINGS if not isinstance(entries.get(k, {}), dict)}
     settings = parse_entries({"": above}, Settings, file, text)[""]
-    _check_misplaced(entries, file, text)
     hosts = parse_entries(entries, Host, file, text)
-    table = HostTable(hosts, settings.fleet, str(file))
-    robots = table.robots_host
-    _check_routers(hosts, robots, file, text)
-    for index, endpoint in enumerate(settings.fleet):
-        if message := _fault(endpoint):
-            raise ConfigError(f"fleet[{index}] = {message}", file, line_of(text, ("fleet", index)))
-    _refuse_repeats(hosts, file, text)
-    _check_together(hosts, file, text)
-    _check_robots(hosts, file, text)
     if not hosts:
         raise ConfigError("no hosts; expected a table for each, [name]", file, 1)
-    own = table.robots_router
-    if own is not None and table.fleet and own not in table.fleet:
-        raise ConfigError(
-            f'fleet lacks this robot\'s own router, "{own}" of {robots}; expected the routers of'
-            " all its robots, the same in the table of each",
-            file,
-            line_of(text, ("fleet",)),
-        )
-    if robots is not None and own is None and len(hosts) > 1:
-        raise ConfigError(
-            f"{robots} runs the robot agent, and the other hosts cannot reach it; expected"
-            f' router = "tcp/ADDRESS:7447" in [{robots}], with an address of that machine',
-            file,
-            line_of(text, (robots,)),
-        )
+    table = HostTable(hosts, settings.fleet, str(file))
+    for key, message in _faults(table):
+        raise ConfigError(message, file, line_of(text, key))
     return table
 
 
@@ -189,49 +154,80 @@ def _entries(text: str, file: Path) -> dict[str, Any]:
         ) from None
 
 
-def _above(entries: Mapping[str, Any]) -> list[str]:
-    """The settings that are there; a table of that name is a host."""
-    known = (*_SETTINGS, *_GONE)
-    return [key for key in known if key in entries and not isinstance(entries[key], dict)]
+def _faults(table: HostTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """What is wrong with a table: the key, and what would be right."""
+    robots, own = table.robots_host, table.robots_router
+    for name, host in table.hosts.items():
+        for key, message in _faults_of(name, host, robots):
+            yield (name, key), message
+    for index, endpoint in enumerate(table.fleet):
+        if fault := _fault(endpoint):
+            yield ("fleet", index), f"fleet[{index}] = {fault}"
+    yield from _faults_of_robots(table.hosts)
+    if own is not None and table.fleet and own not in table.fleet:
+        yield (
+            ("fleet",),
+            f'fleet lacks this robot\'s own router, "{own}" of {robots}; expected the routers of'
+            " all its robots, the same in the table of each",
+        )
+    if robots is not None and own is None and len(table.hosts) > 1:
+        yield (
+            (robots,),
+            f"{robots} runs the robot agent, and the other hosts cannot reach it; expected"
+            f' router = "tcp/ADDRESS:7447" in [{robots}], with an address of that machine',
+        )
 
 
-def _check_misplaced(entries: Mapping[str, Any], file: Path, text: str) -> None:
-    for name, entry in entries.items():
-        if not isinstance(entry, dict):
-            continue
-        if "fleet" in entry:
-            message = f"fleet is for all hosts: expected above the first [host], not in {name}"
-            raise ConfigError(message, file, line_of(text, (name, "fleet")))
-        for key in ("multicast", "endpoints"):
-            if key in entry:
-                _refuse_gone(key, entry[key], file, line_of(text, (name, key)))
-
-
-def _refuse_gone(key: str, value: object, file: Path, line: int | None) -> NoReturn:
-    first = value[0] if isinstance(value, list) and value else value
-    shown = f'"{first}"' if isinstance(first, str) else '"tcp/10.0.0.2:7447"'
-    where = address_of(shown.strip('"')) or "10.0.0.2"
-    raise ConfigError(f"{key}: {_GONE[key].format(value=shown, address=where)}", file, line)
-
-
-def _check_routers(hosts: Mapping[str, Host], robots: str | None, file: Path, text: str) -> None:
-    for name, host in hosts.items():
-        if host.address is not None and not _is_address(host.address):
-            raise ConfigError(
-                f'{name}.address = "{host.address}": expected a name or an address, 10.0.0.2 say',
-                file,
-                line_of(text, (name, "address")),
-            )
-        if host.router is None:
-            continue
-        message = _fault(host.router)
-        if message is None and name != robots:
-            message = (
+def _faults_of(name: str, host: Host, robots: str | None) -> Iterator[tuple[str, str]]:
+    """What is wrong with one host, by its key; `robots` is the host of the robot agent."""
+    if host.address is not None and not _is_address(host.address):
+        expected = "expected a name or an address, 10.0.0.2 say"
+        yield "address", f'{name}.address = "{host.address}": {expected}'
+    if host.router is not None:
+        fault = _fault(host.router)
+        if fault is None and name != robots:
+            fault = (
                 f'"{host.router}": only the host of the robot agent has a router; expected'
                 f' address = "{address_of(host.router)}"'
             )
-        if message is not None:
-            raise ConfigError(f"{name}.router = {message}", file, line_of(text, (name, "router")))
+        if fault is not None:
+            yield "router", f"{name}.router = {fault}"
+    if repeated := [agent for agent, often in Counter(host.agents).items() if often > 1]:
+        yield "agents", f"{name}.agents: {min(repeated)!r} is there twice; expected once"
+    seen: set[str] = set()
+    for index, group in enumerate(host.together):
+        strangers = [agent for agent in group if agent not in host.agents]
+        twice = [agent for agent in group if agent in seen or group.count(agent) > 1]
+        seen |= set(group)
+        where = f"{name}.together[{index}]"
+        if strangers:
+            yield "together", f"{where}: {strangers[0]!r} is not among the agents of {name}"
+        elif twice:
+            yield "together", f"{where}: {twice[0]!r} is there twice; expected once"
+        elif len(group) < 2:
+            yield "together", f"{where}: expected two agents or more that share a process"
+
+
+def _faults_of_robots(hosts: Mapping[str, Host]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """What is wrong with robot agents, and with where they find the controller."""
+    # Classes say who owns the wheels, and are imported only where a table asks for it.
+    every = Counter(agent for host in hosts.values() for agent in host.agents)
+    for agent in owners((agent for agent, often in every.items() if often > 1), WHEELS):
+        first, second, *_ = (name for name, host in hosts.items() if agent in host.agents)
+        there = f"{first!r} has the {agent} agent already; expected it on one host"
+        yield (second, "agents"), f"{second}.agents: {there}"
+    for name, host in hosts.items():
+        if host.robot is None:
+            continue
+        fault = robot_fault(host.robot)
+        # One that is not installed here may be a robot agent.
+        if fault is None and not (
+            {*host.agents} - installed(AGENTS).keys() or any(owners(host.agents, WHEELS))
+        ):
+            there = f"there is no robot agent on {name}"
+            fault = f"{there}; expected {society().robot!r} among its agents"
+        if fault is not None:
+            yield (name, "robot"), f'{name}.robot = "{host.robot}": {fault}'
 
 
 def _fault(endpoint: str) -> str | None:
@@ -268,61 +264,6 @@ def _is_host(host: str) -> bool:
     except AddressValueError:
         return False
     return True
-
-
-def _refuse_repeats(hosts: Mapping[str, Host], file: Path, text: str) -> None:
-    for name, host in hosts.items():
-        repeated = {agent for agent in host.agents if host.agents.count(agent) > 1}
-        if repeated:
-            message = f"{name}.agents: {min(repeated)!r} is there twice; expected once"
-            raise ConfigError(message, file, line_of(text, (name, "agents")))
-
-
-def _check_together(hosts: Mapping[str, Host], file: Path, text: str) -> None:
-    for name, host in hosts.items():
-        seen: set[str] = set()
-        for index, group in enumerate(host.together):
-            strangers = [agent for agent in group if agent not in host.agents]
-            twice = [agent for agent in group if agent in seen or group.count(agent) > 1]
-            seen |= set(group)
-            if strangers:
-                message = f"{strangers[0]!r} is not among the agents of {name}"
-            elif twice:
-                message = f"{twice[0]!r} is there twice; expected once"
-            elif len(group) < 2:
-                message = "expected two agents or more that share a process"
-            else:
-                continue
-            where = line_of(text, (name, "together"))
-            raise ConfigError(f"{name}.together[{index}]: {message}", file, where)
-
-
-def _check_robots(hosts: Mapping[str, Host], file: Path, text: str) -> None:
-    # Classes say who owns the wheels, and are imported only where a table asks for it.
-    every = Counter(agent for host in hosts.values() for agent in host.agents)
-    for agent in owners((agent for agent, often in every.items() if often > 1), WHEELS):
-        first, second, *_ = (name for name, host in hosts.items() if agent in host.agents)
-        raise ConfigError(
-            f"{second}.agents: {first!r} has the {agent} agent already; expected it on one host",
-            file,
-            line_of(text, (second, "agents")),
-        )
-    for name, host in hosts.items():
-        if host.robot is None:
-            continue
-        message = robot_fault(host.robot)
-        if message is None and not _may_have_a_robot(host):
-            message = (
-                f"there is no robot agent on {name}; expected {society().robot!r} among its agents"
-            )
-        if message is not None:
-            where = line_of(text, (name, "robot"))
-            raise ConfigError(f'{name}.robot = "{host.robot}": {message}', file, where)
-
-
-def _may_have_a_robot(host: Host) -> bool:
-    """Whether an agent of a host owns the wheels, or is not installed here, so nobody knows."""
-    return bool(set(host.agents) - installed(AGENTS).keys()) or any(owners(host.agents, WHEELS))
 
 
 def robot_fault(url: str) -> str | None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import os
 import socket
-from collections.abc import Iterator
 from typing import Final
 
 LOOPBACK: Final = "127.0.0.1"
@@ -20,40 +19,27 @@ SLICES: Final = 200
 """From 10,000 to 29,999: below what Linux (32,768) and others (49,152) give out by themselves."""
 
 
+_asked = itertools.count()
+
+
 def free_ports(count: int, address: str = LOOPBACK) -> list[int]:
     """Ports that nobody has now, and that the system gives to nobody.
 
     Each process has a slice of its own, by its id, and goes round in it. So two that look at the
     same time (workers of one test run, say) do not find the same. OSError if there are not as many.
     """
-    found: list[int] = []
+    first, found = FIRST + os.getpid() % SLICES * SLICE, list[int]()
     for _ in range(SLICE):
-        port = next(_of(os.getpid()))
-        if _is_free(address, port):
-            found.append(port)
-            if len(found) == count:
-                return found
-    raise OSError(f"{address} has no {count} free ports from {found[0] if found else FIRST} on")
+        port = first + next(_asked) % SLICE
+        try:
+            socket.create_server((address, port)).close()
+        except OSError:
+            continue
+        found.append(port)
+        if len(found) == count:
+            return found
+    raise OSError(f"{address} has no {count} free ports from {found[0] if found else first} on")
 
 
 def free_port(address: str = LOOPBACK) -> int:
     return free_ports(1, address)[0]
-
-
-_rounds: dict[int, Iterator[int]] = {}
-
-
-def _of(process: int) -> Iterator[int]:
-    """The slice of a process, round and round; a fork begins its own."""
-    if process not in _rounds:
-        first = FIRST + process % SLICES * SLICE
-        _rounds[process] = itertools.cycle(range(first, first + SLICE))
-    return _rounds[process]
-
-
-def _is_free(address: str, port: int) -> bool:
-    try:
-        socket.create_server((address, port)).close()
-    except OSError:
-        return False
-    return True

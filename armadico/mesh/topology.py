@@ -13,10 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"
-"""Which robot is meant when none is named;"""
+"""The robot that is meant when none is named."""
 
 DEFAULT_NAMESPACE = "robot1"
-"""and which without that."""
+"""The robot without either."""
+
+HOSTS_VARIABLE = "ARMADICO_HOSTS"
+"""The host table that is meant when none is named: a file, or the name of a shipped one."""
 
 FLEET = "fleet"
 """The first part of keys that several robots share: `fleet/...` lies beside a robot's namespace,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import json
 import math
-import os
 import random
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +30,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.mesh.base import Mesh
-from armadico.mesh.topology import checked_namespace, default_namespace, topology
+from armadico.mesh.endpoints import endpoints
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import (
     MissionReply,
@@ -115,13 +114,7 @@ def connect(
         TopologyError: A namespace or an endpoint that cannot be one.
         ConfigError: A host table that cannot be used.
     """
-    from armadico.config.hosts import HOSTS_VARIABLE, load_hosts  # noqa: PLC0415 - seldom needed
-    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - heavy
-
-    table = hosts or (None if connect else os.environ.get(HOSTS_VARIABLE)) or None
-    robot = None if table is None else load_hosts(table).robots_router
-    where = topology(connect=connect, robot=robot)
-    with ZenohMesh(checked_namespace(namespace or default_namespace()), where) as mesh:
+    with endpoints(namespace, hosts=hosts, connect=connect).mesh() as mesh:
         yield Client(mesh)
 
 

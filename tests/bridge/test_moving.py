@@ -268,8 +268,7 @@ def test_a_live_simulator_is_told_what_moves() -> None:
     moving = (walker(2.0, 2.0), Moving(kind="door", wall=(3.0, -1.0, 3.0, 1.0), times=(2.0,)))
     scenario = msgspec.structs.replace(ideal(load_scenario("sc1")), moving=moving)
     _, *words = simulator_words(scenario, 7, "")
-    args = command.parser().parse_args(words)
-    command._name(args)
+    args = command._named(command.main.parse(words))
     assert command._scenario(args).moving == moving
     with pytest.raises(UsageError, match="--moving: "):
         command._moving('[{"kind": "dog"}]')

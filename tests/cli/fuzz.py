@@ -1,6 +1,6 @@
 """Commands called with options that make no sense: python fuzz.py SEED CASES COMMAND...
 
-Each command's own `parser()` says what it takes. Everything happens in this process, from where no
+Each command's own parser says what it takes. Everything happens in this process, from where no
 mesh is joined, no process started and no window opened; what would take longer gets a Ctrl-C, which
 is one more thing that must end in order. Prints what a user would have seen a traceback of.
 """
@@ -27,7 +27,7 @@ import armadico
 import armadico_tools
 from armadico import __main__, cli
 from armadico.bridge.ros2.addresses import join, read_address
-from armadico.cli import pool
+from armadico.cli import completion, pool
 from armadico.cli.options import FailedError
 from armadico.config.discovery import AGENTS, COMMANDS, installed
 from armadico.mesh.topology import MeshError
@@ -103,7 +103,7 @@ def main(seed: str, cases: str, *names: str) -> None:
     rng = random.Random(int(seed))
     for name, found in installed(COMMANDS).items():
         for _ in range(int(cases)) if not names or name in names else ():
-            words = [name, *_words(rng, import_module(found.module).parser())]
+            words = [name, *_words(rng, completion.parser_of(found))]
             fault = _call(words)
             if fault:
                 sys.stdout.write(f"{words}: {fault}\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 
@@ -52,7 +51,7 @@ def test_the_script_has_every_command_with_its_options(
 
 def test_every_command_of_ours_has_a_parser() -> None:
     for found in installed(COMMANDS).values():
-        assert isinstance(completion._parser_of(found), argparse.ArgumentParser), found.name
+        assert completion.parser_of(found) is not None, found.name
 
 
 def test_a_command_that_cannot_be_imported_or_has_no_parser_is_completed_by_name(

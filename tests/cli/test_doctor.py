@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Generator
 from importlib import metadata
@@ -16,6 +15,7 @@ from rich.console import Console
 
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
+from armadico.cli.options import Mesh
 from armadico.core.messages import PROTOCOL, Card, Cycle, Line, MonitorReport, RobotState, Stop
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mobile.messages import BatteryLevel, Correction, MissionState, MissionStatus, Pose
@@ -54,10 +54,9 @@ def test_the_clock_of_a_host_that_does_not_answer_is_not_known() -> None:
 def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
     table = tmp_path / "hosts.toml"
     table.write_text('[lab1]\nrouter = "udp/127.0.0.1:7501"\n[lab2]\naddress = "127.0.0.2"\n')
-    args = argparse.Namespace(host=None, hosts=str(table))
-    assert returned(doctor.hosts(args)) == {"lab1", "lab2"}
-    args.hosts = None
-    assert returned(doctor.hosts(args)) == set()
+    asked = Mesh(hosts=str(table))
+    assert returned(doctor.hosts(asked)) == {"lab1", "lab2"}
+    assert returned(doctor.hosts(Mesh())) == set()
 
 
 def test_what_agents_report_of_themselves_is_shown() -> None:
@@ -201,8 +200,8 @@ def test_top_says_why_a_mission_is_not_driven() -> None:
 def test_a_host_without_a_router_in_the_table_is_not_looked_for(tmp_path: Path) -> None:
     table = tmp_path / "hosts.toml"
     table.write_text('[lab1]\nagents = ["goto"]\n')
-    args = argparse.Namespace(host=None, hosts=str(table))
-    (finding,) = doctor.hosts(args)
+    asked = Mesh(hosts=str(table))
+    (finding,) = doctor.hosts(asked)
     assert (finding.subject, finding.verdict) == ("host lab1", "ok")
 
 
@@ -212,7 +211,7 @@ def test_a_folder_for_sockets_that_others_can_write_to_is_wrong(
     monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
     (tmp_path / "armadico").mkdir()
     (tmp_path / "armadico").chmod(0o777)
-    (finding,) = doctor.router(argparse.Namespace(namespace="doctor-test"))
+    (finding,) = doctor.router("doctor-test")
     assert (finding.subject, finding.verdict) == ("socket", "wrong")
     assert "chmod 700" in finding.what
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from io import StringIO
 
 import pytest
@@ -94,6 +93,6 @@ def test_ps_breaks_no_name_in_a_narrow_terminal(
     silent = ("wall-follower", "wall-follower-0123456789abcdef")
     card = Card(*who, "lab1", 1, "1", PROTOCOL, keys, (), ("wheels",))
     view = View.of({who: card, silent: None})
-    ps.show(argparse.Namespace(namespace="r"), view, census(view, {}, {}), everyone=False)
+    ps.show("r", view, census(view, {}, {}), everyone=False)
     said = capsys.readouterr().out.split()
     assert {who[0], silent[0], *keys, "not", "answering"} <= set(said)

@@ -143,8 +143,7 @@ def test_alarms_that_are_remembered_are_told_apart_from_missions(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(options, "joined", lambda _: nullcontext())
-    monkeypatch.setattr(mission, "_client", lambda _: None)
+    monkeypatch.setattr(options.Mesh, "client", lambda _: nullcontext())
     monkeypatch.setattr(mission, "_board", lambda _: board)
     assert cli.main(["mission", "alarms"]) == 0
     assert capsys.readouterr().out == text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import signal
@@ -15,6 +14,7 @@ import pytest
 
 from armadico.cli import main as armadico
 from armadico.cli.beside import Helpers, beside
+from armadico.cli.options import Mesh
 from armadico.cli.page import TOKEN_VARIABLE
 from tests.programs import heavy, imports_nothing, starter
 
@@ -142,7 +142,7 @@ def test_a_token_of_ones_own_is_not_seen_among_the_processes(
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = argparse.Namespace(namespace="p", connect=[], host=None, hosts=None)
+    args = Mesh(namespace="p")
     with beside(args, "page", "sc1", ["p/r1", "p/r2"]):
         found = LINK.fullmatch(capsys.readouterr().err)
         assert found is not None
@@ -159,7 +159,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 @pytest.mark.live
 def test_who_takes_the_stick_is_started_beside_the_page_once_and_ends_with_it() -> None:
-    args = argparse.Namespace(connect=[], host=None, hosts=None)
+    args = Mesh()
     with Helpers(args) as helpers:
         assert helpers.start("p", "nobody") == ""
         (first,) = helpers.processes.values()

@@ -36,7 +36,7 @@ class Crowd:
 @pytest.fixture
 def crowd(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Crowd:
     made = Crowd()
-    monkeypatch.setattr(options, "joined", lambda _args: VirtualSession(made.mesh))
+    monkeypatch.setattr(options.Mesh, "joined", lambda _args: VirtualSession(made.mesh))
     monkeypatch.chdir(tmp_path)
     return made
 

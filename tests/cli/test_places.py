@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -10,13 +9,13 @@ from typing import Any
 import pytest
 
 from armadico.agents.supervision import down
-from armadico.cli import main, options
+from armadico.cli import main
 from armadico.cli.agent import main as armadico_agent
-from armadico.cli.options import HOSTS_VARIABLE
-from armadico.cli.places import Place
+from armadico.cli.options import Mesh
 from armadico.config.errors import ConfigError
 from armadico.launch.pidfile import PidFile, Share
-from armadico.mesh.topology import Topology
+from armadico.mesh.endpoints import Endpoints
+from armadico.mesh.topology import HOSTS_VARIABLE, Topology
 
 ROBOTS = "tcp/203.0.113.1:7447"
 
@@ -44,22 +43,14 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def args(**given: Any) -> argparse.Namespace:
-    """Options, of which only these are given."""
-    bare = {"host": None, "hosts": None, "connect": [], "namespace": "places"}
-    return argparse.Namespace(**bare | given)
-
-
-def found(**given: Any) -> Place:
-    """The place of an agent with these options."""
-    where = options.placed(args(**given), passing=False)
-    assert where is not None
-    return where
+def found(*, passing: bool = False, **given: Any) -> Endpoints:
+    """Where an agent is with these options, or a tool."""
+    return Mesh(**{"namespace": "places", **given}).endpoints(passing=passing)
 
 
 def test_without_a_table_there_is_no_place() -> None:
-    assert options.placed(args()) is None
-    assert options.placed(args(connect=["tcp/127.0.0.1:1"])) is None
+    assert found().table is None
+    assert found(connect=("tcp/127.0.0.1:1",)).table is None
 
 
 def test_a_host_alone_is_the_shipped_tables_which_opens_no_port() -> None:
@@ -97,14 +88,13 @@ def test_other_hosts_connect_to_the_robots_router_and_open_no_port(table: Path) 
 
 def test_a_machine_that_is_in_no_table_reaches_the_robots_router(table: Path) -> None:
     table.write_text(TABLE.replace("127.0.0.21", "203.0.113.2"))
-    where = options.placed(args(hosts=table))
-    assert where is not None
+    where = found(passing=True, hosts=table)
     assert where.topology() == Topology(connect=(ROBOTS,))
 
 
 def test_what_is_asked_to_be_connected_to_is_the_only_router_that_is_tried(table: Path) -> None:
-    where = found(hosts=table)
-    assert where.topology(connect=[ROBOTS]) == Topology(connect=(ROBOTS,), socket=False)
+    where = found(hosts=table, connect=(ROBOTS,))
+    assert where.topology() == Topology(connect=(ROBOTS,), socket=False)
 
 
 FLEET = [f"tcp/127.0.0.{number}:7447" for number in (31, 32, 33)]
@@ -123,12 +113,12 @@ def test_the_environment_names_a_table_unless_the_command_line_says_where_to_loo
     table: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(HOSTS_VARIABLE, str(table))
-    assert options.placed(args()) is not None
-    assert options.placed(args(connect=["tcp/10.0.0.9:7447"])) is None
+    assert found().table is not None
+    assert found(connect=("tcp/10.0.0.9:7447",)).table is None
     with pytest.raises(ConfigError, match=r"no host 'localhost'; .*known: lab1, robot"):
-        options.placed(args(host="localhost"))
+        found(host="localhost")
     monkeypatch.setenv(HOSTS_VARIABLE, "elsewhere.toml")
-    assert options.placed(args(hosts=table)) is not None
+    assert found(passing=True, hosts=table).table is not None
 
 
 @pytest.mark.parametrize(
@@ -141,8 +131,8 @@ def test_the_environment_names_a_table_unless_the_command_line_says_where_to_loo
 def test_an_agent_must_know_where_it_is_a_tool_need_not(table: Path, text: str, what: str) -> None:
     table.write_text(text)
     with pytest.raises(ConfigError, match=what):
-        options.placed(args(hosts=table), passing=False)
-    assert options.placed(args(hosts=table)) is not None
+        found(hosts=table)
+    assert found(passing=True, hosts=table).table is not None
 
 
 @pytest.mark.parametrize(
@@ -218,14 +208,14 @@ def test_an_agent_of_the_table_that_is_not_installed_is_named_with_the_table(
 def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> None:
     table.write_text(TABLE.replace("203.0.113.1", "robot.invalid"))
     with pytest.raises(ConfigError, match=r"the name robot\.invalid is not known here"):
-        options.placed(args(hosts=table, host="robot"))
+        found(hosts=table, host="robot")
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--restarts", "-1"), "--restarts -1 --within 30: at least 0"),
-        (("--within", "0"), "--restarts 5 --within 0: at least 0, and more than 0 s"),
+        (("--restarts", "-1"), "--restarts -1: at least 0"),
+        (("--within", "0"), "--within 0: more than 0"),
         (("--set", "goto=1"), "--set goto=1: expected AGENT.KEY=VALUE"),
         (("--set", "goto.nope=1"), "goto: --set nope=1: unknown key nope"),
         (

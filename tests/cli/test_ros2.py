@@ -44,7 +44,7 @@ def test_without_a_router_of_rmw_zenoh_it_is_said_where_it_was_looked_for() -> N
 
 
 def test_several_robots_are_told_apart_below_the_address() -> None:
-    args = command.parser().parse_args(["ros2://site"])
+    args = command.main.parse(["ros2://site"])
     made = command._societies(args, ["robot1", "robot-2"], read_address(args.address).namespace)
     assert [each.goals.topic for each in made.values()] == [
         "/site/robot1/goal_pose",

@@ -129,7 +129,9 @@ class Seat(Driven):
     def teleop(self, *words: str) -> int:
         """The command, at this terminal; its exit code."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(options, "join", lambda _args: VirtualSession(self.mesh, name="hand"))
+            patch.setattr(
+                options.Mesh, "join", lambda _args: VirtualSession(self.mesh, name="hand")
+            )
             patch.setattr("sys.stdin", Terminal(self.terminal, []))
             patch.setattr("sys.stdout", Terminal(self.terminal, self.screen))
             return cli.main(["teleop", *words])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -24,6 +23,7 @@ import pytest
 
 from armadico.bridge.simulator.server import TcpLine
 from armadico.cli import doctor, main, top
+from armadico.cli.options import Mesh
 from armadico.core.messages import (
     PROTOCOL,
     Ack,
@@ -378,7 +378,7 @@ def test_doctor_says_whether_the_robots_router_answers(
         table.write_text(
             f'[robot]\nrouter = "tcp/127.0.0.1:{port}"\n[lab1]\naddress = "203.0.113.1"\n'
         )
-        hosts = doctor.hosts(argparse.Namespace(host=None, hosts=str(table)))
+        hosts = doctor.hosts(Mesh(hosts=str(table)))
         assert {f.subject: f.verdict for f in hosts} == {"host robot": verdict, "host lab1": "ok"}
 
 

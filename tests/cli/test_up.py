@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from armadico.agents.supervision.supervisor import Plan
-from armadico.agents.supervision.up import _place, _plan, _scenario, _started, parser
+from armadico.agents.supervision.up import _place, _plan, _scenario, _started, main
 from armadico.cli.options import UsageError
 from armadico.config.errors import ConfigError
-from armadico.config.hosts import HOSTS_VARIABLE
 from armadico.config.needs import minimum, tasks
 from armadico.config.scenarios import society
+from armadico.mesh.topology import HOSTS_VARIABLE
 from tests.programs import starter
 
 
@@ -24,9 +24,9 @@ def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def plan(*words: str) -> Plan:
-    args = parser().parse_args(words)
+    args = main.parse(words)
     scenario = _started(args, _scenario(args))
-    return _plan(args, _place(args, scenario), scenario)
+    return _plan(args, _place(args.mesh, scenario), scenario)
 
 
 def names(found: Plan) -> list[str]:
@@ -35,7 +35,7 @@ def names(found: Plan) -> list[str]:
 
 def test_a_mission_is_as_few_as_it_needs_in_its_own_scenario_and_who_watches() -> None:
     found = plan("rounds")
-    scenario = _scenario(parser().parse_args(["rounds"]))
+    scenario = _scenario(main.parse(["rounds"]))
     assert scenario is not None
     assert scenario.name == "surveillance"
     assert names(found) == [*minimum(tasks(scenario)), *society().watch]

@@ -80,33 +80,6 @@ def test_settings_stand_above_the_hosts_and_a_host_may_have_their_names(tmp_path
     assert table.fleet == ()
 
 
-OLD = {
-    "multicast = true\n[a]": ("lab.toml:1: multicast: ", "leave it out"),
-    "[a]\nmulticast = true": ("lab.toml:2: multicast: ", "leave it out"),
-    "router = 'tcp/10.0.0.1:7447'\n[a]": (
-        "lab.toml:1: router: ",
-        'write router = "tcp/10.0.0.1:7447" below the host that runs it',
-    ),
-    "router = 7447\n[a]": ("lab.toml:1: router: ", 'write router = "tcp/10.0.0.2:7447" below'),
-    "endpoints = []\n[a]": ("lab.toml:1: endpoints: ", 'write router = "tcp/10.0.0.2:7447" th'),
-    "[a]\nagents = []\nendpoints = ['tcp/10.0.0.1:7450', 'tcp/10.0.0.1:7451']": (
-        "lab.toml:3: endpoints: ",
-        'write router = "tcp/10.0.0.1:7450" there',
-        'address = "10.0.0.1"',
-    ),
-    "[a]\nendpoints = []": ("lab.toml:2: endpoints: ", 'write router = "tcp/10.0.0.2:7447" there'),
-}
-"""What tables had before there was one router to a robot, and parts of the advice."""
-
-
-@pytest.mark.parametrize("text", OLD)
-def test_an_old_table_is_refused_with_what_to_write_instead(tmp_path: Path, text: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_hosts(lab(tmp_path, text + "\n"))
-    for part in OLD[text]:
-        assert part in str(caught.value)
-
-
 def test_several_hosts_need_a_router_that_they_can_reach(tmp_path: Path) -> None:
     alone = "[robot]\nagents = ['robot']\n"
     assert load_hosts(lab(tmp_path, alone)).robots_router is None
@@ -222,7 +195,6 @@ def test_a_wrong_router_is_named_with_file_and_line(
         ('["goto"]', '"goto"', 'lab.toml:7: lab1.agents = "goto": expected a list, not a string'),
         ('["goto"]', '["a", "a"]', "lab.toml:7: lab1.agents: 'a' is there twice; expected once"),
         ("[lab1]", "[robot]", "lab.toml:5: a second host 'robot', the first is on line 1"),
-        ("[desk]", "[desk]\nfleet = []", "lab.toml:10: fleet is for all hosts: expected above the"),
         ("[robot]", "fleet = 'tcp/a:1'\n[robot]", 'lab.toml:1: fleet = "tcp/a:1": expected a list'),
         ("[robot]", "fleet = ['a:1']\n[robot]", 'lab.toml:1: fleet[0] = "a:1": expected PROTOCOL/'),
         ("[robot]", "flet = []\n[robot]", "lab.toml:1: flet = []: expected a table"),

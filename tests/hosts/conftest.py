@@ -14,11 +14,10 @@ from typing import Any
 import psutil
 import pytest
 
-from armadico.cli.options import HOSTS_VARIABLE, NAMESPACE_VARIABLE
 from armadico.config.hosts import load_hosts
 from armadico.mesh.ports import free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE
-from armadico.mesh.topology import topology
+from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests import programs
 from tests.live.society import SOON, Observer

@@ -6,19 +6,17 @@ is on a machine whose clock is an hour ahead.
 
 from __future__ import annotations
 
-import argparse
 import logging
-import os
 import sys
 import time
 from typing import Any, ClassVar
 
-from armadico.cli import options
 from armadico.core import messages
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message, RobotState
 from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.endpoints import endpoints
 from armadico.runtime.process import identity, serve
 
 AHEAD_S = 3600.0
@@ -39,16 +37,10 @@ class Driver(Agent):
 def main(kind: str, host: str) -> None:
     """Run one, until it is ended."""
     logging.basicConfig(stream=sys.stderr)
-    args = argparse.Namespace(
-        host=host,
-        hosts=None,
-        connect=[],
-        namespace=os.environ[options.NAMESPACE_VARIABLE],
-    )
     if kind == "foreign":  # on its card; what refuses to join has asked for the number already
         messages.PROTOCOL += 1
     ahead = AHEAD_S if kind == "late" else 0.0
-    mesh = options.join(args, passing=False)
+    mesh = endpoints(host=host, passing=False).mesh()
     serve([Driver(identity("driver", host))], mesh, wall=lambda: time.time() + ahead)
 
 

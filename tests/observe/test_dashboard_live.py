@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import socket
@@ -22,7 +21,7 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 from armadico.cli import dashboard as command
 from armadico.cli import main as armadico
 from armadico.cli.beside import beside
-from armadico.cli.options import FailedError
+from armadico.cli.options import FailedError, Mesh
 from armadico.core import messages as m
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
@@ -172,7 +171,7 @@ def publish_until_heard(mesh: ZenohMesh, listener: Client) -> None:
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
+    args = Mesh(namespace=NAMESPACE)
     with beside(args, "dashboard", "sc1"):
         page = capsys.readouterr().err.removeprefix(LINK).strip()
         with urllib.request.urlopen(page, timeout=20) as answer:
@@ -185,7 +184,7 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
 def test_a_run_waits_until_somebody_looks_and_its_dashboard_stays_until_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
+    args = Mesh(namespace=NAMESPACE)
     happened: list[str] = []
     read, write = os.pipe()
 
@@ -219,7 +218,7 @@ def test_a_viewer_is_who_is_connected_and_not_who_listens() -> None:
 
 
 def test_beside_a_run_a_world_that_is_not_there_is_no_run() -> None:
-    args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
+    args = Mesh(namespace=NAMESPACE)
     with pytest.raises(FailedError, match="did not start"), beside(args, "dashboard", "nowhere"):
         pytest.fail("it has not started")
 

@@ -1,0 +1,317 @@
+"""A command's options: declared once, as the fields of a frozen dataclass, and parsed once into it.
+
+    @dataclass(frozen=True, kw_only=True)
+    class Options:
+        pattern: str = argument("such as robot/state", metavar="KEYEXPR")
+        count: int | None = option("end after N messages", "-n", metavar="N", must=at_least(1))
+        json: bool = flag("a JSON array on stdout")
+        mesh: Mesh = group(Mesh)
+
+    def run(args: Options) -> int: ...
+
+    main = Command("armadico hz", Options, run, "The rate of messages on each key.", EXAMPLES)
+
+What a field is read as follows from its annotation: `bool` is a switch, `X | None` need not be
+given, `tuple[X, ...]` may be repeated and `tuple[X, X]` takes two values. A field without `option`
+is no option; a derived class may declare it as one. This is the only module that knows argparse.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from math import inf, isfinite
+from pathlib import Path
+from types import UnionType
+from typing import Any, Final, Generic, TypeVar, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
+
+ArgumentParser = argparse.ArgumentParser
+
+NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
+"""A negative number, as Python writes them: a value, and no option."""
+
+DECLARED: Final = "option"
+"""Where a field's metadata has its declaration."""
+
+
+class UsageError(Exception):
+    """The command was called wrongly."""
+
+
+class BadValueError(argparse.ArgumentTypeError):
+    """A value that an option cannot have, from the function that reads it."""
+
+
+@dataclass(frozen=True)
+class Must:
+    """What a value must fulfil, and how that is called in an error."""
+
+    holds: Callable[[Any], bool]
+    words: str
+
+
+def at_least(least: float) -> Must:
+    return Must(lambda value: value >= least, f"at least {least:g}")
+
+
+def more_than(bound: float, words: str = "") -> Must:
+    """More than a number, and finite."""
+    return Must(lambda value: bound < value < inf, words or f"more than {bound:g}")
+
+
+def between(least: float, most: float, words: str = "") -> Must:
+    """From a number to another one, both included."""
+    return Must(lambda value: least <= value <= most, words or f"from {least:g} to {most:g}")
+
+
+def ends_with(suffix: str, what: str) -> Must:
+    """The name of a file must end so."""
+    return Must(lambda path: path.suffix == suffix, f"{what} ends with {suffix}")
+
+
+def _is_pose(pose: Sequence[float]) -> bool:
+    return all(map(isfinite, pose)) and abs(pose[2]) <= 360.0
+
+
+FILE: Final = Must(Path.is_file, "no such file")
+RECORDING: Final = ends_with(".mcap", "the name of a recording")
+POSE: Final = Must(_is_pose, "expected finite m, m and -360 to 360 degrees")
+"""What x, y and heading must be; whether the place is free is the world's to say."""
+
+PORT: Final = between(0, 65535)
+"""What a TCP port to listen on must be; 0 is any free one."""
+
+
+@dataclass(frozen=True)
+class _Option:
+    flags: tuple[str, ...]
+    keywords: dict[str, Any]
+    read: Callable[[str], Any] | None
+    must: Must | None
+    either: str
+    positional: bool = False
+
+
+@dataclass(frozen=True)
+class _Group:
+    kind: type
+    title: str
+
+
+def option(
+    help: str | None,  # noqa: A002 - as argparse calls it
+    *flags: str,
+    default: Any = None,
+    factory: Callable[[], Any] | None = None,
+    read: Callable[[str], Any] | None = None,
+    must: Must | None = None,
+    either: str = "",
+    **keywords: Any,
+) -> Any:
+    """A field that is an option.
+
+    Args:
+        help: For `--help`; None: it is not listed.
+        flags: How it is called; by default --NAME.
+        default: Its value if it is not given.
+        factory: Makes that value when the command line is parsed, instead.
+        read: Reads a value, by default as its annotation says. Raises BadValueError.
+        must: What its value must fulfil.
+        either: Of the options that have the same word here only one may be given.
+        keywords: `metavar`, `choices`, `nargs`, `const`, `required` as argparse has them.
+    """
+    help_ = argparse.SUPPRESS if help is None else help
+    declared = _Option(flags, {"help": help_, **keywords}, read, must, either)
+    if factory is not None:
+        return field(default_factory=factory, metadata={DECLARED: declared})
+    return field(default=default, metadata={DECLARED: declared})
+
+
+def flag(help: str | None, *flags: str, **how: Any) -> Any:  # noqa: A002
+    """A field that is a switch."""
+    return option(help, *flags, **{"default": False, **how})
+
+
+def several(help: str, *flags: str, **how: Any) -> Any:  # noqa: A002
+    """A field that is an option which may be repeated."""
+    return option(help, *flags, **{"default": (), **how})
+
+
+def argument(
+    help: str,  # noqa: A002
+    *,
+    read: Callable[[str], Any] | None = None,
+    must: Must | None = None,
+    **keywords: Any,
+) -> Any:
+    """A field that is given by its place; with `nargs="?"` and a `default` it may be left out."""
+    default = {"default": keywords.pop("default", None)} if "nargs" in keywords else {}
+    declared = _Option((), {"help": help, **keywords}, read, must, "", positional=True)
+    return field(**default, metadata={DECLARED: declared})
+
+
+def group(kind: type, title: str = "") -> Any:
+    """A field whose value is a dataclass of options of its own, titled in `--help`."""
+    return field(default_factory=kind, metadata={DECLARED: _Group(kind, title)})
+
+
+@dataclass(frozen=True)
+class Command(Generic[T]):
+    """What an entry point of `armadico.commands` leads to: called with words, it runs."""
+
+    program: str
+    options: type[T]
+    run: Callable[[T], int]
+    description: str
+    examples: str
+    refused: Callable[[T, UsageError], None] | None = None  # told of a value that must not be
+
+    def __call__(self, argv: Sequence[str]) -> int:
+        return self.run(self.parse(argv))
+
+    def parse(self, argv: Sequence[str]) -> T:
+        """The options that words give. Raises UsageError, or SystemExit as argparse does."""
+        found = _built(self.options, self.parser().parse_args(argv))
+        try:
+            _check(found)
+        except UsageError as error:
+            if self.refused is not None:
+                self.refused(found, error)
+            raise
+        return found
+
+    def parser(self) -> ArgumentParser:
+        made = parser(self.program, self.description, self.examples)
+        _declare(made, self.options)
+        return made
+
+
+def version() -> str:
+    """The version that is installed."""
+    try:
+        return installed("armadico")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def parser(program: str, description: str, examples: str) -> ArgumentParser:
+    """A parser whose help ends with examples."""
+    made = ArgumentParser(
+        prog=program,
+        description=description,
+        epilog="examples:\n" + examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,  # --seed is not --seeds, and a typing error is no other option
+    )
+    # argparse takes -1e5 and -inf for options that it does not know.
+    made._negative_number_matcher = NEGATIVE
+    made.add_argument("--version", action="version", version=f"armadico {version()}")
+    return made
+
+
+def together(
+    program: str, commands: Iterable[tuple[str, str, ArgumentParser | None]], complete: Any
+) -> ArgumentParser:
+    """One parser of commands by name, summary and parser; options of files `complete` so."""
+    made = ArgumentParser(prog=program)
+    below = made.add_subparsers()
+    for name, summary, of in commands:
+        parents = [] if of is None else [of]
+        for action in [] if of is None else of._actions:
+            if action.type is Path:
+                action.complete = complete  # type: ignore[attr-defined]
+        below.add_parser(name, help=summary, parents=parents, add_help=not parents)
+    return made
+
+
+def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
+    """Give a parser, or a part of one, the options of a dataclass."""
+    hints, alternatives = get_type_hints(kind), dict[str, Any]()
+    for each in fields(kind):
+        declared = each.metadata.get(DECLARED)
+        if isinstance(declared, _Group):
+            titled = bool(declared.title)
+            _declare(made.add_argument_group(declared.title) if titled else made, declared.kind)
+        elif isinstance(declared, _Option):
+            into = made
+            if declared.either:
+                into = alternatives.get(declared.either) or made.add_mutually_exclusive_group()
+                alternatives[declared.either] = into
+            how = _reading(hints[each.name]) | declared.keywords
+            if "nargs" in declared.keywords:  # which says how many, and not how often
+                how.pop("action", None)
+            if declared.read is not None:
+                how["type"] = declared.read
+            if declared.positional:
+                into.add_argument(each.name, **how, **_default(each))
+            else:
+                flags = declared.flags or (_flag(each.name),)
+                into.add_argument(*flags, dest=each.name, **how, **_default(each))
+
+
+def _reading(hint: Any) -> dict[str, Any]:
+    """How argparse reads what is annotated so."""
+    inner = get_args(hint)
+    if get_origin(hint) is UnionType:
+        return _reading(next(each for each in inner if each is not type(None)))
+    if get_origin(hint) is tuple and inner[-1] is Ellipsis:
+        return {"action": "append", **_reading(inner[0])}
+    if get_origin(hint) is tuple:
+        return {"nargs": len(inner), **_reading(inner[0])}
+    if hint is bool:
+        return {"action": "store_true"}
+    return {} if hint is str else {"type": hint}
+
+
+def _default(each: Any) -> dict[str, Any]:
+    """The default of a field, if it has one, as argparse wants it: to be copied and appended to."""
+    if each.default_factory is not MISSING:
+        return {"default": each.default_factory()}
+    if each.default is MISSING:
+        return {}
+    return {"default": list(each.default) if each.default == () else each.default}
+
+
+def _flag(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def _built(kind: type[T], found: argparse.Namespace) -> T:
+    """The dataclass of what was parsed."""
+    values: dict[str, Any] = {}
+    for each in fields(kind):  # type: ignore[arg-type]
+        declared = each.metadata.get(DECLARED)
+        if isinstance(declared, _Group):
+            values[each.name] = _built(declared.kind, found)
+        elif isinstance(declared, _Option):
+            values[each.name] = _frozen(getattr(found, each.name))
+    return kind(**values)
+
+
+def _check(options: Any) -> None:
+    """Raises UsageError for a value that must not be."""
+    for each in fields(options):
+        declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
+        if isinstance(declared, _Group):
+            _check(value)
+        if not isinstance(declared, _Option) or declared.must is None or value is None:
+            continue
+        if not declared.must.holds(value):
+            flag = "" if declared.positional else f"{(*declared.flags, _flag(each.name))[0]} "
+            raise UsageError(f"{flag}{_shown(value)}: {declared.must.words}")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_shown, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
