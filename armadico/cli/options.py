@@ -27,7 +27,6 @@ from armadico.cli.parsing import (
 )
 from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
-from armadico.mesh.endpoints import Endpoints, endpoints, table_of
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from armadico.config.worlds import World
+    from armadico.mesh.endpoints import Endpoints
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.runtime.client import Client
 
@@ -127,6 +127,8 @@ class Mesh:
 
     def endpoints(self, *, passing: bool = True) -> Endpoints:
         """Where that is: for a tool (`passing`), or for an agent. Raises ConfigError."""
+        from armadico.mesh.endpoints import endpoints
+
         return endpoints(
             self.namespace,
             hosts=self.hosts,
@@ -161,6 +163,8 @@ class Mesh:
 
     def agents_by_host(self) -> dict[str, tuple[str, ...]]:
         """The agents of each host of the table; none without a table. Raises ConfigError."""
+        from armadico.mesh.endpoints import table_of
+
         named = table_of(self.hosts, self.host, self.connect)
         if named is None:
             return {}

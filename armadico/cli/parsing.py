@@ -21,13 +21,13 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, field, fields
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from math import inf, isfinite
 from pathlib import Path
 from types import UnionType
-from typing import Any, Final, Generic, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Final, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
 
@@ -48,8 +48,7 @@ class BadValueError(argparse.ArgumentTypeError):
     """A value that an option cannot have, from the function that reads it."""
 
 
-@dataclass(frozen=True)
-class Must:
+class Must(NamedTuple):
     """What a value must fulfil, and how that is called in an error."""
 
     holds: Callable[[Any], bool]
@@ -88,8 +87,7 @@ PORT: Final = between(0, 65535)
 """What a TCP port to listen on must be; 0 is any free one."""
 
 
-@dataclass(frozen=True)
-class _Option:
+class _Option(NamedTuple):
     flags: tuple[str, ...]
     keywords: dict[str, Any]
     read: Callable[[str], Any] | None
@@ -98,8 +96,7 @@ class _Option:
     positional: bool = False
 
 
-@dataclass(frozen=True)
-class _Group:
+class _Group(NamedTuple):
     kind: type
     title: str
 
@@ -161,16 +158,21 @@ def group(kind: type, title: str = "") -> Any:
     return field(default_factory=kind, metadata={DECLARED: _Group(kind, title)})
 
 
-@dataclass(frozen=True)
 class Command(Generic[T]):
     """What an entry point of `armadico.commands` leads to: called with words, it runs."""
 
-    program: str
-    options: type[T]
-    run: Callable[[T], int]
-    description: str
-    examples: str
-    refused: Callable[[T, UsageError], None] | None = None  # told of a value that must not be
+    def __init__(
+        self,
+        program: str,
+        options: type[T],
+        run: Callable[[T], int],
+        description: str,
+        examples: str,
+        refused: Callable[[T, UsageError], None] | None = None,
+    ) -> None:
+        """`refused` is told of options with a value that must not be."""
+        self.program, self.options, self.run = program, options, run
+        self.description, self.examples, self.refused = description, examples, refused
 
     def __call__(self, argv: Sequence[str]) -> int:
         return self.run(self.parse(argv))
