@@ -156,7 +156,7 @@ def test_a_viewer_reads_everything_though_it_comes_late(stack: ExitStack, domain
     viewer = Viewer(stack, domain)  # after the map, the path and the local map
     while viewer.heard.keys() < EXPECTED.keys():
         if "battery_state" not in viewer.heard:
-            stage.society._battery_at = 0
+            stage.society._health._battery_at = 0
         stage.turn()
         viewer.look()
     assert {t: (e["frame"], e["value"]) for t, e in viewer.heard.items()} == EXPECTED
