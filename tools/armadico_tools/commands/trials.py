@@ -26,7 +26,7 @@ SHOWN: Final = 10
 EXAMPLES: Final = """\
   armadico trials --list                         what there is, and from when to when it counts
   armadico trials holder-killed --trials 5
-  sudo .venv/bin/armadico trials                 the table of docs/reliability.md, hosts included
+  sudo .venv/bin/armadico trials                 all of docs/results-reliability.md, with hosts
   sudo .venv/bin/armadico trials link-down partition --trials 4
   armadico trials kill-one hang-one --scenario sc3 --trials 8
   armadico trials --recording run.mcap           the same checker on what armadico record kept

@@ -93,7 +93,7 @@ def _holder(society: RealSociety) -> str:
     return society.until(held, "one goto or the other is obeyed")
 
 
-# The table of docs/reliability.md -----------------------------------------------------------------
+# The table of docs/results-reliability.md ---------------------------------------------------------
 
 
 def holder_killed(society: RealSociety, rng: random.Random) -> dict[str, float]:

@@ -61,7 +61,7 @@ HEARD_S = 0.4
 """once its sonars have gone round: they take four cycles."""
 
 FRESH_CYCLES = 3
-"""A command may answer a cycle so many older than the newest (docs/architecture.md)."""
+"""A command may answer a cycle so many older than the newest (docs/coordination.md)."""
 
 POSES = 64  # cycles whose true poses are remembered, for poses that come late
 
