@@ -85,7 +85,9 @@ def _nested(kind: type[msgspec.Struct], default: Any, prefix: str) -> Iterator[F
             continue
         text = f"{value:.4g}" if isinstance(value, float) else _default(value)
         meaning = comments.get(field.name, "").rstrip(",")
-        yield Field(index, name, type_text(field.type), text, meaning)
+        # Without the links to messages of the protocol page.
+        kinds = re.sub(r"\[(\w+)\]\(#\w+\)", r"\1", type_text(field.type))
+        yield Field(index, name, kinds, text, meaning)
 
 
 def type_text(info: types.Type) -> str:
