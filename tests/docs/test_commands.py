@@ -45,7 +45,7 @@ def test_commands_are_found_with_and_without_a_language() -> None:
 
 def test_the_tutorials_scenario_is_a_scenario(tmp_path: Path) -> None:
     path = tmp_path / "along.toml"
-    text = files("docs/tutorial.md")["along.toml"]
+    text = files("docs/own-agent.md")["along.toml"]
     path.write_text(text)
     with pytest.raises(ConfigError, match="no agent 'wall-follower'"):
         load_scenario(path)  # the reader has installed it

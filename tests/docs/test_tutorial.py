@@ -1,4 +1,4 @@
-"""Promise 6: the tutorial's agent, exactly as printed, joins a society that is up.
+"""Promise 6: the tutorials' agent, exactly as printed, joins a society that is up.
 
 No other file is touched and no other process started again, on the virtual mesh and on real ones.
 """
@@ -21,7 +21,9 @@ from tests.docs.blocks import Block, blocks, files
 from tests.docs.shell import Shell
 from tests.docs.watcher import watching
 
-TUTORIAL = "docs/tutorial.md"
+TUTORIALS = ("docs/tutorial.md", "docs/own-agent.md", "docs/own-resource.md")
+"""Pages whose blocks are one session, in this order."""
+
 NAMESPACE = "tutorial-test"
 NEWCOMER = "wall-follower"
 SOCIETY = {"robot", "encoder", "sonar", "goto", "avoid", "path-planning", "interface"}
@@ -29,15 +31,19 @@ FAR = 120.0  # s of virtual time
 
 SESSION: dict[str, Block] = {
     block.value: block
+    for tutorial in TUTORIALS
     for block in blocks()
-    if block.document == TUTORIAL and block.note == "session"
+    if block.document == tutorial and block.note == "session"
+}
+FILES: dict[str, str] = {
+    name: text for tutorial in TUTORIALS for name, text in files(tutorial).items()
 }
 
 
 @pytest.fixture
 def shell(tmp_path: Path) -> Iterator[Shell]:
     with Shell(tmp_path, NAMESPACE) as made:
-        made.write(files(TUTORIAL))
+        made.write(FILES)
         yield made
 
 
@@ -52,7 +58,7 @@ def do(shell: Shell, name: str) -> str:
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shell]:
     """Where the tutorial's agent has been installed, as it says."""
     with Shell(tmp_path_factory.mktemp("installed"), NAMESPACE) as made:
-        made.write(files(TUTORIAL))
+        made.write(FILES)
         do(made, "install")
         yield made
 
@@ -148,6 +154,6 @@ def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Sh
 
 
 def test_every_block_of_the_session_is_run_above() -> None:
-    names = "begin begin-test begin-drive begin-change "
-    names += "society look drive stop install rehearse test join beyond head-install head-rehearse"
+    names = "society look drive stop begin begin-test begin-drive begin-change "
+    names += "install rehearse test join beyond head-install head-rehearse"
     assert list(SESSION) == names.split()

@@ -14,9 +14,8 @@ from armadico.core.messages import Ack, Claim, Command, Message
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import Truth
-from tests.docs.blocks import files
 from tests.docs.shell import Shell
-from tests.docs.test_tutorial import NAMESPACE, TUTORIAL, do
+from tests.docs.test_tutorial import FILES, NAMESPACE, do
 
 HEAD = "camera-head"
 
@@ -25,7 +24,7 @@ HEAD = "camera-head"
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder where the tutorial's agents have been installed, as it says."""
     with Shell(tmp_path_factory.mktemp("installed"), NAMESPACE) as shell:
-        shell.write(files(TUTORIAL))
+        shell.write(FILES)
         do(shell, "head-install")
     return shell.folder
 

@@ -97,11 +97,8 @@ def test_nobody_here_imports_the_surface_which_knows_all() -> None:
     assert not [name for name in modules() if "armadico" in imports(name)]
 
 
-PYTHON = [
-    block
-    for block in blocks()
-    if block.language == "python" and block.document in {"docs/tutorial.md", "docs/api.md"}
-]
+PAGES = {f"docs/{name}.md" for name in ("api", "own-agent", "own-resource", "own-task")}
+PYTHON = [block for block in blocks() if block.language == "python" and block.document in PAGES]
 
 
 @pytest.mark.parametrize("block", PYTHON, ids=str)

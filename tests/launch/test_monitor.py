@@ -54,7 +54,7 @@ FAULTS = {
 }
 
 BACK_S = {"killed": 1.5, "hung": 5.0, "deaf": 7.0}
-"""s until another instance is at work, as docs/reliability.md has it."""
+"""s until another instance is at work, as docs/results-reliability.md has it."""
 
 
 class Society(Driven):

@@ -24,9 +24,10 @@ from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
 from armadico.core.messages import Ack, Claim, Command, Log, Message, Stop
+from armadico.core.parameters import Parameters
 from armadico.core.services import TOKEN, Service, matches
 from armadico.mobile.messages import Truth
-from armadico_tools.docs_fields import fields_of, ours
+from armadico_tools.docs_fields import fields_of, ours, parameters_of
 from armadico_tools.markdown import table
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -193,6 +194,32 @@ def agent_list(*, asked_for: bool = False) -> str:
     return table(("agent", "what it is", "competes for"), rows)
 
 
+def parameters() -> str:
+    """A table for each agent: its parameters, their ranges and defaults."""
+    parts = []
+    for name, kind in agents().items():
+        shared = set(Parameters.__struct_fields__)
+        rows = [
+            (
+                f"`{each.name}`" + (" *" if each.name in kind.changeable else ""),
+                each.type,
+                each.default,
+                each.meaning,
+            )
+            for each in parameters_of(kind.parameters)
+            if each.name.partition(".")[0] not in shared
+        ]
+        body = table(("parameter", "type and range", "default", ""), rows) if rows else "None."
+        parts.append(f"## {name}\n\n{body}")
+    return "\n\n".join(parts)
+
+
+def shared_parameters() -> str:
+    """The parameters that every agent has."""
+    rows = [(f"`{p.name}`", p.type, p.default, p.meaning) for p in parameters_of(Parameters)]
+    return table(("parameter", "type and range", "default", ""), rows)
+
+
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "keys": keys,
     "fields": fields,
@@ -202,6 +229,8 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "laboratory": lambda: commands("armadico_tools."),
     "agents": agent_list,
     "more agents": partial(agent_list, asked_for=True),
+    "parameters": parameters,
+    "shared parameters": shared_parameters,
 }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
@@ -65,6 +66,30 @@ def fields_of(kind: type[Message]) -> list[Field]:
     ]
 
 
+def parameters_of(kind: type[msgspec.Struct]) -> Iterator[Field]:
+    """The parameters of an agent by their dotted names, those of nested structs among them."""
+    yield from _nested(kind, kind(), "")
+
+
+def _nested(kind: type[msgspec.Struct], default: Any, prefix: str) -> Iterator[Field]:
+    comments: dict[str, str] = {}
+    for base in reversed(kind.__mro__[:-1]):  # without `object`; a subclass may say it again
+        if base.__module__.startswith("armadico."):
+            comments |= COMMENT.findall(inspect.getsource(base))
+    info = types.type_info(kind)
+    assert isinstance(info, types.StructType), f"{kind.__name__} is a struct"
+    for index, field in enumerate(info.fields):
+        value, name = getattr(default, field.name), f"{prefix}{field.name}"
+        if isinstance(field.type, types.StructType):
+            yield from _nested(field.type.cls, value, f"{name}.")
+            continue
+        text = f"{value:.4g}" if isinstance(value, float) else _default(value)
+        meaning = comments.get(field.name, "").rstrip(",")
+        # Without the links to messages of the protocol page.
+        kinds = re.sub(r"\[(\w+)\]\(#\w+\)", r"\1", type_text(field.type))
+        yield Field(index, name, kinds, text, meaning)
+
+
 def type_text(info: types.Type) -> str:
     """A type and its range in words."""
     match info:
@@ -85,6 +110,8 @@ def type_text(info: types.Type) -> str:
             text = "text" + (f", {least or 0} to {most} characters" if most is not None else "")
         case types.BoolType():
             text = "bool"
+        case types.LiteralType(values=values):
+            text = "one of " + ", ".join(f'"{value}"' for value in values)
         case types.BytesType(max_length=most):
             text = "bytes" + ("" if most is None else f", up to {most:,}")
         case _:
@@ -97,12 +124,14 @@ def _is_none(info: types.Type) -> bool:
 
 
 def _bounds(info: types.FloatType | types.IntType) -> str:
-    low = f"above {_number(info.gt)}" if info.gt is not None else _number(info.ge)
-    return f", {low} to {_number(info.le)}" if info.le is not None else ""
+    low = None if info.ge is None else _number(info.ge)
+    low = low if info.gt is None else f"above {_number(info.gt)}"
+    if info.le is not None:
+        return f", {low} to {_number(info.le)}" if low else f", at most {_number(info.le)}"
+    return "" if low is None else f", {low}" if info.gt is not None else f", at least {low}"
 
 
-def _number(value: float | None) -> str:
-    assert value is not None, "both bounds are given"
+def _number(value: float) -> str:
     return POWERS.get(value, f"{value:g}")
 
 

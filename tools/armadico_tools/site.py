@@ -121,7 +121,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     more = sorted({path.name for path in (ROOT / "docs").glob("*.md")} - there)
     if more:
         nav.append({"More": list(more)})
-    nav.append({"Reference": [f"reference/{_slug(title)}.md" for title, _ in reference()]})
+    nav.append({"Python reference": [f"reference/{_slug(title)}.md" for title, _ in reference()]})
     nav.append({"Project": [page_of(path) for path in project()]})
     config.nav = nav
     return config

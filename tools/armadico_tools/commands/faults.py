@@ -23,7 +23,7 @@ EXAMPLES: Final = """\
   armadico faults --repeat case.json           one case again, as a violation prints it
   armadico faults --live --list                the kinds of trials, and what they measure
   armadico faults --live --kind holder-killed --trials 5
-  sudo .venv/bin/armadico faults --live        the table of docs/reliability.md, with hosts
+  sudo .venv/bin/armadico faults --live        the table of docs/results-reliability.md, with hosts
   armadico faults --recording run.mcap         check what armadico record kept
 """
 

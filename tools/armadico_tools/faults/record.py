@@ -177,7 +177,7 @@ HEARD_S = 0.4
 """once its sonars have gone round: they take four cycles."""
 
 FRESH_CYCLES = 3
-"""A command may answer a cycle so many older than the newest (docs/architecture.md)."""
+"""A command may answer a cycle so many older than the newest (docs/coordination.md)."""
 
 KEPT: Final = 3000
 """Messages of a kind that are kept for figures: a few minutes' worth."""
