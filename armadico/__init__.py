@@ -298,7 +298,7 @@ if not TYPE_CHECKING:  # who would otherwise take any name for one
         """A name of the surface, from the module that defines it (PEP 562)."""
         if name not in __all__:
             raise AttributeError(f"module 'armadico' has no attribute {name!r}")
-        from importlib import import_module  # noqa: PLC0415 - nothing before it is needed
+        from importlib import import_module
 
         where = next((m for m, names in _MODULES.items() if name in names), "core.messages")
         found = getattr(import_module(f"armadico.{where}"), name)

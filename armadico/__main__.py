@@ -25,13 +25,13 @@ UNPRINTABLE = "backslashreplace"
 
 def main() -> int:
     with _silently():
-        from armadico.cli import main as command  # noqa: PLC0415 - takes its time
+        from armadico.cli import main as command
     return run(command)
 
 
 def agent() -> int:
     with _silently():
-        from armadico.cli.agent import main as command  # noqa: PLC0415 - takes its time
+        from armadico.cli.agent import main as command
     return run(command)
 
 

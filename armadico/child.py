@@ -29,8 +29,8 @@ def main() -> int:
         return 0
     if program != "armadico":
         os.execvp(program, [program, *words])
-    from armadico.__main__ import run  # noqa: PLC0415 - nothing is imported for nobody
-    from armadico.cli import main as command  # noqa: PLC0415
+    from armadico.__main__ import run
+    from armadico.cli import main as command
 
     return run(lambda: command(words))
 

@@ -77,7 +77,7 @@ class RobotKind(Generic[P]):
         the robot's clock shows when it begins.
         """
         # A robot agent reads profiles, and needs no simulator.
-        from armadico.bridge.simulator.robots import staged  # noqa: PLC0415
+        from armadico.bridge.simulator.robots import staged
 
         self.check()
         profile, stage = staged(scenario, streams, name, traps & self.unkind, clock_s)

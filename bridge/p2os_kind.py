@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def _session(profile: P2osRobot, now: float, near: tuple[float, float]) -> Session:
-    from armadico.bridge.p2os import session  # noqa: PLC0415 - whoever reads a profile needs none
+    from armadico.bridge.p2os import session
 
     return session.Session(profile, now, near)
 
 
 def _simulated(profile: P2osRobot, stage: Stage) -> SimulatedRobot:
-    from armadico.bridge.simulator.pioneer import Pioneer  # noqa: PLC0415 - as above
+    from armadico.bridge.simulator.pioneer import Pioneer
 
     return Pioneer(profile, stage)
 

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def _session(profile: Ros2Robot, now: float, near: tuple[float, float]) -> Session:  # noqa: ARG001
-    from armadico.bridge.ros2 import session  # noqa: PLC0415 - its messages take long to load
+    from armadico.bridge.ros2 import session
 
     return session.Session(profile, now)
 
 
 def _simulated(profile: Ros2Robot, stage: Stage) -> SimulatedRobot:
-    from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot  # noqa: PLC0415 - as above
+    from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 
     return Ros2SimulatedRobot(profile, stage)
 

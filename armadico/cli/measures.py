@@ -74,14 +74,14 @@ def statistics(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
 
 def show(scenario: str, results: Sequence[Result]) -> None:
     """Runs below one another where they fit; one run, and a narrow terminal, a line a measure."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.console import Console
 
     console = Console()
     found = list(columns(results))
     table = _down(results, found)
     if len(results) == 1 or not options.fits(table, console):
         table = _stacked(results, found)
-    from rich.markup import escape  # noqa: PLC0415 - not for --help
+    from rich.markup import escape
 
     table.title = escape(options.shown(f"{scenario}: {_verdict(results)}"))
     console.print(table)
@@ -98,7 +98,7 @@ def _verdict(results: Sequence[Result]) -> str:
 
 
 def _table(*titles: str) -> Table:
-    from rich.table import Table  # noqa: PLC0415 - not for --help
+    from rich.table import Table
 
     table = Table(padding=(0, 0), caption="docs/measures.md says how each is measured")
     for title in titles:

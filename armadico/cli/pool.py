@@ -84,8 +84,8 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
     if not sys.stderr.isatty():
         yield _Lines(label, total).step
         return
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.progress import (  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,

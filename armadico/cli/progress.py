@@ -24,8 +24,8 @@ def shown(label: str) -> Iterator[Callable[[RunWatch], None]]:
     if not sys.stderr.isatty():
         yield _Lines(label).show
         return
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.progress import Progress  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import Progress
 
     with Progress(*bar(), console=Console(stderr=True), transient=True, expand=True) as progress:
         task = progress.add_task("starting", total=None, label=label)
@@ -50,8 +50,8 @@ def come(watch: RunWatch) -> tuple[float, float]:
 
 def bar() -> Iterator[ProgressColumn]:
     """The columns of the progress; the remark is cut off before the name and the bar are."""
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
-    from rich.table import Column  # noqa: PLC0415 - not for --help
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.table import Column
 
     yield TextColumn("{task.fields[label]}", markup=False, table_column=Column(no_wrap=True))
     yield BarColumn(None, table_column=Column(ratio=1))
@@ -73,7 +73,7 @@ class _Lines:
 
 def remark(watch: RunWatch) -> str:
     """Distance to go and what keeps it, who holds the wheels, speed, battery."""
-    from armadico.core.hands import release  # noqa: PLC0415 - not for --help
+    from armadico.core.hands import release
 
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:

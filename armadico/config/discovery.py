@@ -146,8 +146,8 @@ def load(group: str, name: str, kind: type[T]) -> type[T]:
 
 def agent_class(name: str) -> type[Agent]:
     """The class of an agent that is installed. Raises `UnknownNameError`."""
-    from armadico.core.agent import Agent  # noqa: PLC0415 - a list of agents needs no agent
-    from armadico.core.parameters import Parameters  # noqa: PLC0415
+    from armadico.core.agent import Agent
+    from armadico.core.parameters import Parameters
 
     kind = load(AGENTS, name, Agent)
     if kind.name != name:  # whoever waits for the one would never see the other
@@ -170,7 +170,7 @@ def owners(names: Iterable[str], resource: Resource) -> Iterator[str]:
 @cache
 def providers(key: str) -> tuple[str, ...]:
     """The installed agents that publish on a key; who cannot be loaded here is not known to."""
-    from armadico.core.services import rows_of  # noqa: PLC0415 - a list of agents needs none
+    from armadico.core.services import rows_of
 
     found = []
     for name in installed(AGENTS):

@@ -258,9 +258,9 @@ class _Reader:
         """The borders of the cells that have a point. Raises ConfigError if they are too many."""
         if not self.points:
             return ()
-        import numpy as np  # noqa: PLC0415 - other maps do without
+        import numpy as np
 
-        from armadico.config.occupancy import MAX_PIXELS, Raster, world_of  # noqa: PLC0415
+        from armadico.config.occupancy import MAX_PIXELS, Raster, world_of
 
         cells = np.rint(np.array(self.points) / self.cell_m).astype(np.int64)
         low = cells.min(axis=0) - 1

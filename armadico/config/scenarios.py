@@ -314,7 +314,7 @@ def mission_of(scenario: Scenario) -> Mission | None:
     """The mission that is done in a scenario. Raises ConfigError if it cannot be."""
     if scenario.mission is None:
         return None
-    from armadico.config.places import Places  # noqa: PLC0415 - with numpy, for missions alone
+    from armadico.config.places import Places
 
     places = Places(load_world(scenario.world), load_profile(scenario.robot).body)
     return load_mission(scenario.mission, places, scenario.start[:2])
@@ -511,7 +511,7 @@ def _cut_off(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key
     (x, y), goal = scenario.start[:2], scenario.goal
     if goal is None or not world.crossed((x, y), goal[:2]):
         return
-    from armadico.config.places import Places  # noqa: PLC0415 - with numpy
+    from armadico.config.places import Places
 
     if not Places(world, body).joined((x, y), goal[:2]):
         yield (

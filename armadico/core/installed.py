@@ -29,7 +29,7 @@ def load_all() -> None:
         try:
             point.load()
         except (Exception, SystemExit) as error:
-            import logging  # noqa: PLC0415 - lists of what is installed do without
+            import logging
 
             logger = logging.getLogger("armadico.installed")
             logger.warning("the messages of %r cannot be imported: %s", point.name, error)

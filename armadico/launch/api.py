@@ -72,14 +72,14 @@ class Run:
     @cached_property
     def times(self) -> NDArray[np.float64]:
         """When each pose of `path` was, in s since the run began."""
-        import numpy as np  # noqa: PLC0415 - heavy
+        import numpy as np
 
         return np.array([mark.t - self.marks[0].t for mark in self.marks])
 
     @cached_property
     def path(self) -> NDArray[np.float64]:
         """The poses, a row each: x and y in m, the heading in rad, in the world."""
-        import numpy as np  # noqa: PLC0415 - heavy
+        import numpy as np
 
         return np.array([(m.x, m.y, m.theta) for m in self.marks]).reshape(-1, 3)
 
@@ -117,22 +117,22 @@ class Run:
             OSError: The file cannot be written; of an .mp4, there is no ffmpeg.
             ImportError: There is no matplotlib (`pip install 'armadico[plot]'`).
         """
-        from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
-        from armadico.observe.films import film_run  # noqa: PLC0415 - heavy
+        from armadico.config.worlds import load_world
+        from armadico.observe.films import film_run
 
         film_run(load_world(self.scenario.world), self._picture(), file, speed)
         return Path(file)
 
     def _draw(self, out: str | Path | BinaryIO) -> None:
-        from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
-        from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
+        from armadico.config.worlds import load_world
+        from armadico.observe.pictures import draw_run
 
         draw_run(load_world(self.scenario.world), self._picture(), out)
 
     def _picture(self) -> Picture:
-        from armadico.config.grid_map import cells_of  # noqa: PLC0415 - heavy
-        from armadico.config.profile import load_profile  # noqa: PLC0415 - heavy
-        from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
+        from armadico.config.grid_map import cells_of
+        from armadico.config.profile import load_profile
+        from armadico.observe.pictures import Run as Picture
 
         mapped = None
         if self.grid is not None:
@@ -256,15 +256,15 @@ def run(
     )
     warnings: list[str] = []
     if virtual:
-        from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - it loads the virtual mesh
+        from armadico.launch.virtual import Rehearsal
 
         rehearsal = Rehearsal(chosen, options)
         for kind in joins:
             rehearsal.add(kind)
         rehearsal.run(progress, warnings.append)
         return _shown(Run.of(chosen, rehearsal.watch, warnings), display)
-    from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
-    from armadico.runtime.client import connect as joined  # noqa: PLC0415
+    from armadico.launch.local import Launcher
+    from armadico.runtime.client import connect as joined
 
     joining = [word for endpoint in several(connect) for word in ("--connect", endpoint)]
     with (
@@ -284,8 +284,8 @@ def _display() -> Callable[..., Any]:
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     if not hasattr(shell, "kernel"):
         raise ValueError("show draws in a notebook; elsewhere: plot('run.png') of what run returns")
-    import matplotlib as _  # noqa: F401, PLC0415 - an extra
-    from IPython.display import display  # noqa: PLC0415 - a notebook has it
+    import matplotlib as _  # noqa: F401 - an extra
+    from IPython.display import display
 
     return display
 

@@ -220,7 +220,7 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
     Each has its launcher's id in its environment, and by now another parent. What was started by
     hand has none. Of those that were tied to it one may be left that hangs. Each with its label.
     """
-    import psutil  # noqa: PLC0415 - only `armadico down` looks
+    import psutil
 
     found = []
     for process in psutil.process_iter():
@@ -273,7 +273,7 @@ def undisturbed() -> Iterator[None]:
 
 def kill_trees(*popens: subprocess.Popen[Any]) -> None:
     """SIGKILL processes and all that they started, as if the plug was pulled."""
-    import psutil  # noqa: PLC0415 - only where something is killed
+    import psutil
 
     for popen in popens:
         with suppress(psutil.NoSuchProcess):

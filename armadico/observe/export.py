@@ -137,8 +137,8 @@ def to_rrd(
     Raises RecordingError if it holds several robots and none was named, ImportError without rerun,
     and OSError.
     """
-    from armadico.observe.dashboard.scene import Scene  # noqa: PLC0415 - imports rerun
-    from armadico.observe.dashboard.server import finish, keep  # noqa: PLC0415 - and this
+    from armadico.observe.dashboard.scene import Scene
+    from armadico.observe.dashboard.server import finish, keep
 
     chosen = namespace or _only_namespace(path)
     recording = keep({chosen: world}, out)

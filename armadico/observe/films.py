@@ -52,7 +52,7 @@ def film_run(world: World, run: Run, out: Path | str, speed: float | None = None
         OSError: It cannot be written; of an .mp4, ffmpeg is not there, or has refused it.
         ImportError: There is no matplotlib.
     """
-    from matplotlib.animation import FFMpegWriter, PillowWriter  # noqa: PLC0415 (an extra)
+    from matplotlib.animation import FFMpegWriter, PillowWriter
 
     path = Path(out)
     kind = path.suffix.lower()
@@ -95,7 +95,7 @@ class _Scene:
     """The world, its legend, and what moves in it."""
 
     def __init__(self, world: World, run: Run) -> None:
-        from matplotlib.patches import Polygon  # noqa: PLC0415 (an extra)
+        from matplotlib.patches import Polygon
 
         self._run = run
         self.canvas = canvas = Canvas(world)

@@ -341,7 +341,7 @@ class RunWatch:
         here = self.here
         if here is None:
             return
-        from armadico.mobile.scans import points_of  # noqa: PLC0415 - with numpy, for a laser alone
+        from armadico.mobile.scans import points_of
 
         with suppress(ValueError):
             points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()

@@ -170,8 +170,8 @@ class Canvas:
         place: tuple[float, float, float, float] = (0.055, 0.125, 0.925, 0.735),
     ) -> None:
         # Not pyplot's: a notebook's own backend, and its open figures, are left alone.
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (an extra)
-        from matplotlib.figure import Figure  # noqa: PLC0415 (and slow)
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
         x1, y1, x2, y2 = world.bounds
         self.turned = (y2 - y1) > TALL * (x2 - x1)
@@ -216,7 +216,7 @@ class Canvas:
 
     def mapped(self, cells: Cells) -> None:
         """The map made by driving: what is free, and what is occupied."""
-        from matplotlib.colors import ListedColormap  # noqa: PLC0415
+        from matplotlib.colors import ListedColormap
 
         x1, y1, x2, y2 = cells.bounds
         states = cells.states.T[::-1] if self.turned else cells.states
@@ -275,7 +275,7 @@ class Canvas:
 
     def robots(self, steps: Sequence[Step], body: Body) -> None:
         """The robot's outline, each so many metres along the path, and where it came to rest."""
-        from matplotlib.patches import Polygon  # noqa: PLC0415
+        from matplotlib.patches import Polygon
 
         for step, last in _spaced(steps, max(0.8, self.size / 16.0)):
             corners = [self.at(*point) for point in outline(step, body)]
@@ -307,7 +307,7 @@ class Canvas:
 
     def save(self, out: Path | str | BinaryIO) -> None:
         """Write the PNG, with a palette: a third of the bytes and nothing to be seen of it."""
-        from PIL import Image  # noqa: PLC0415
+        from PIL import Image
 
         self.explain()
         raw = io.BytesIO()
@@ -318,7 +318,7 @@ class Canvas:
             image.convert("RGB").quantize(COLOURS_IN_PNG).save(out, format="PNG", optimize=True)
 
     def _cycle(self, bounds: tuple[float, float, float, float]) -> None:
-        from matplotlib.ticker import FuncFormatter, MaxNLocator  # noqa: PLC0415
+        from matplotlib.ticker import FuncFormatter, MaxNLocator
 
         (xa, ya), (xb, yb) = self.at(*bounds[:2]), self.at(*bounds[2:])
         margin = 0.02 * self.size + 0.1
@@ -339,7 +339,7 @@ class Canvas:
             spine.set_visible(False)
 
     def _rooms(self, world: World) -> None:
-        from matplotlib.patches import Rectangle  # noqa: PLC0415
+        from matplotlib.patches import Rectangle
 
         for room in world.rooms:
             (xa, ya), (xb, yb) = self.at(room.x1, room.y1), self.at(room.x2, room.y2)
@@ -366,7 +366,7 @@ class Canvas:
         return min(SIZE_PX[0] * place.width / (x2 - x1), SIZE_PX[1] * place.height / (y2 - y1))
 
     def _walls(self, world: World) -> None:
-        from matplotlib.collections import LineCollection  # noqa: PLC0415
+        from matplotlib.collections import LineCollection
 
         for walls, ink, dashes in ((world.outlines, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
             lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in walls]
@@ -391,7 +391,7 @@ class Canvas:
         )
 
     def _handle(self, ink: str) -> Any:
-        from matplotlib.lines import Line2D  # noqa: PLC0415
+        from matplotlib.lines import Line2D
 
         return Line2D([], [], color=ink, marker="o", linewidth=2.2, markersize=7)
 

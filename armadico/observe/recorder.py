@@ -83,7 +83,7 @@ class McapFile:
         self, path: Path, about: Mapping[str, Mapping[str, str]], profile: str = PROFILE
     ) -> None:
         """Begin a file that is not there yet; `about` is kept in it, as metadata by its names."""
-        from mcap.writer import Writer  # noqa: PLC0415 - an extra
+        from mcap.writer import Writer
 
         self.path = path
         self._stream: IO[bytes] = path.open("xb")

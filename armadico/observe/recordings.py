@@ -61,7 +61,7 @@ def stored(places: Iterable[Stored]) -> Iterator[bytes]:
 
     Raises ValueError if a file is not as it was any more, and OSError.
     """
-    from armadico.observe.salvage import Messages  # noqa: PLC0415 - an extra
+    from armadico.observe.salvage import Messages
 
     for path, those in groupby(places, key=itemgetter(0)):
         with path.open("rb") as stream:
@@ -128,7 +128,7 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
 
     Raises RecordingError if the file is no recording, and OSError.
     """
-    from mcap.records import (  # noqa: PLC0415 - an extra
+    from mcap.records import (
         Channel,
         Footer,
         Message,
@@ -137,7 +137,7 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
         Statistics,
     )
 
-    from armadico.observe.salvage import MAGIC, described, records  # noqa: PLC0415 - needs it
+    from armadico.observe.salvage import MAGIC, described, records
 
     damage, schemas, channels = _Damage(path, warn), dict[int, Schema](), dict[int, Channel]()
     with path.open("rb") as stream:

@@ -87,11 +87,11 @@ def join(address: Address, node: str, *, listens: bool = False) -> Wire:
     """Join a network as a node; if it `listens`, be the router that is there. Raises OSError."""
     # Loading them takes long, or is not possible.
     if address.endpoint:
-        from armadico.bridge.ros2.rmw_zenoh import ZenohWire  # noqa: PLC0415
+        from armadico.bridge.ros2.rmw_zenoh import ZenohWire
 
         return ZenohWire(address, node, listens)
     try:
-        from armadico.bridge.ros2.dds import DdsWire  # noqa: PLC0415
+        from armadico.bridge.ros2.dds import DdsWire
     except ImportError as error:
         raise TransportError(EXTRA) from error
     return DdsWire(address, node)

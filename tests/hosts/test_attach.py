@@ -68,7 +68,7 @@ def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
 def test_who_does_not_come_is_named(
     up: Start, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    from armadico.cli import main  # noqa: PLC0415 - with the fixtures' environment
+    from armadico.cli import main
 
     up("robot")
     up("lab3")

@@ -47,7 +47,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def pieces(*entries: list[Any], instance: str = "goto-1") -> list[JournalPiece]:
     """Frames of one entry each, a piece each."""
-    import zlib  # noqa: PLC0415
+    import zlib
 
     packed = [zlib.compress(msgpack.encode([entry])) for entry in entries]
     return [

@@ -320,7 +320,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path, data: bytes) -> None:
 def recorded(path: Path, robot: str) -> Path:
     """A few seconds of scenario 4, kept."""
     pytest.importorskip("mcap")
-    from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - an extra
+    from armadico.observe.virtual_recording import Recorded
 
     options = Options(seed=11, limit=6.0)
     run = Rehearsal(prepared(load_scenario("sc4"), options, profile=robot), options)

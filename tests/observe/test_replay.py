@@ -429,7 +429,7 @@ def test_a_recording_without_journals_says_how_to_make_one(
     kept = Recording(tmp_path / "bare.mcap")
     for row in rows(recording, pytest.fail):
         if row.schema == "armadico.Here":
-            from armadico.observe.watching import Presence  # noqa: PLC0415
+            from armadico.observe.watching import Presence
 
             here = row.fields
             kept.take(Presence("robot1", here["name"], here["instance"], True, row.t))

@@ -53,7 +53,7 @@ def over(
     done: Callable[[T, R], None],
 ) -> bool:
     """A function over tasks, by as many processes as were asked for; False on Ctrl-C."""
-    from armadico.cli import pool  # noqa: PLC0415 - not for --help
+    from armadico.cli import pool
 
     count = 0
 

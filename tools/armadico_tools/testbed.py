@@ -87,7 +87,7 @@ class Place:
 
     def mesh(self, *, router: bool = False) -> ZenohMesh:
         """An open session of a watcher, which may be the router where no robot agent is."""
-        from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for the cheap figures
+        from armadico.mesh.zenoh import ZenohMesh
 
         mesh = ZenohMesh(self.namespace, topology(router=router), starts=True)
         mesh.open()
@@ -136,8 +136,8 @@ def onlooker(namespace: str, folder: Path) -> ZenohMesh:
     It has a router of its own, whose socket is in `folder`: what is published there, it receives,
     and passes on to the robot's society.
     """
-    from armadico.mesh.base import Receiver  # noqa: PLC0415 - not for the cheap figures
-    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
+    from armadico.mesh.base import Receiver
+    from armadico.mesh.zenoh import ZenohMesh
 
     class Onlooker(ZenohMesh):
         def __init__(self) -> None:
@@ -205,7 +205,7 @@ class Namespaces(Place):
         Zenoh's threads belong to the network of the first session that a process opens: this must
         be that one.
         """
-        from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415
+        from armadico.mesh.zenoh import ZenohMesh
 
         where = topology(router=router, connect=self._robots_router)
         mesh = ZenohMesh(self.namespace, where, starts=True)

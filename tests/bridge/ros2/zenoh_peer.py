@@ -25,7 +25,7 @@ def say(**event) -> None:
 
 def main() -> None:
     """Be the peer of the router at the port that is given."""
-    from zenoh_ros2_sdk import ROS2Publisher, ROS2Subscriber, get_topic_info  # noqa: PLC0415
+    from zenoh_ros2_sdk import ROS2Publisher, ROS2Subscriber, get_topic_info
 
     port, hashed = int(sys.argv[1]), sys.argv[2]
     where = {"router_port": port, "domain_id": DOMAIN, "msg_definition": DEFINITION}

@@ -73,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
 
 def _chosen(names: Sequence[str]) -> list[Benchmark]:
     """What the command line names. Raises UsageError for what there is not."""
-    from armadico_tools.bench.figures import BENCHMARKS  # noqa: PLC0415 - not for --help
+    from armadico_tools.bench.figures import BENCHMARKS
 
     known = {benchmark.name: benchmark for benchmark in BENCHMARKS}
     for name in names:
@@ -83,8 +83,8 @@ def _chosen(names: Sequence[str]) -> list[Benchmark]:
 
 
 def _show(figures: Sequence[Figure]) -> None:
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415 - not for --help
+    from rich.console import Console
+    from rich.table import Table
 
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("FIGURE", no_wrap=True)

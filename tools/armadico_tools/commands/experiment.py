@@ -107,9 +107,9 @@ def _check(args: argparse.Namespace) -> None:
 
 def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     """One experiment, and a summary of it. Raises FailedError if its folder cannot be had."""
-    import msgspec  # noqa: PLC0415 - not for --help
+    import msgspec
 
-    from armadico_tools.experiments import runner  # noqa: PLC0415 - not for --help
+    from armadico_tools.experiments import runner
 
     began = time.monotonic()
     module, _, attribute = EXPERIMENTS[name].where.partition(":")
@@ -148,10 +148,10 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
 
 def _barn(args: argparse.Namespace) -> Barn:
     """The options of the BARN challenge. Raises ConfigError or UsageError."""
-    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
-    from armadico.launch.society import profile_of  # noqa: PLC0415
-    from armadico_tools.experiments.barn_worlds import SHIPPED, read_worlds  # noqa: PLC0415
-    from armadico_tools.experiments.runner import Barn  # noqa: PLC0415
+    from armadico.config.profile import load_profile
+    from armadico.launch.society import profile_of
+    from armadico_tools.experiments.barn_worlds import SHIPPED, read_worlds
+    from armadico_tools.experiments.runner import Barn
 
     worlds, robots = tuple(args.worlds or ()), tuple(args.robot or ())
     robots = tuple(profile_of(name) or name for name in robots)

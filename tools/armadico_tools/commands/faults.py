@@ -11,10 +11,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
 from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
-
-SEEDS: Final = 20
-MINUTES: Final = 2.0
-TRIALS: Final = 30
+from armadico_tools.faults import MINUTES, SEEDS, TRIALS
 
 EXAMPLES: Final = """\
   armadico faults --list                       the kinds of faults, and the promises
@@ -35,7 +32,7 @@ def main(argv: Sequence[str]) -> int:
     """Run seeds, a case, trials or the check of a recording; 1 if a promise was broken."""
     args = parser().parse_args(argv)
     _check(args)
-    from armadico_tools.faults import campaign  # noqa: PLC0415 - not for --help
+    from armadico_tools.faults import campaign
 
     if args.recording is not None:
         options.need("mcap", "record")

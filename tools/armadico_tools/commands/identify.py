@@ -34,9 +34,9 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Identify; 0 if any log could be identified."""
-    from armadico.bridge.p2os.profile import P2osRobot  # noqa: PLC0415
-    from armadico.config.loading import find, load  # noqa: PLC0415 - not for --help
-    from armadico_tools.identification import report  # noqa: PLC0415
+    from armadico.bridge.p2os.profile import P2osRobot
+    from armadico.config.loading import find, load
+    from armadico_tools.identification import report
 
     args = parser().parse_args(argv)
     if bool(args.logs) == bool(args.simulate):
@@ -44,8 +44,8 @@ def main(argv: Sequence[str]) -> int:
     at_least(args, seed=0)
     robot = load(find("robots", args.profile), P2osRobot)
     if args.simulate:
-        from armadico_tools.experiments.identify import MENDED, STRAIGHT, record  # noqa: PLC0415
-        from armadico_tools.speed_log import write_log  # noqa: PLC0415
+        from armadico_tools.experiments.identify import MENDED, STRAIGHT, record
+        from armadico_tools.speed_log import write_log
 
         trial = STRAIGHT[1] if args.motion == "linear" else MENDED[-1]
         _write(args.simulate, write_log(record(trial, args.seed, robot)))
@@ -81,8 +81,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _show(report: Sequence[dict[str, Any]]) -> None:
-    from rich.console import Console  # noqa: PLC0415 - not for --json
-    from rich.table import Table  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
 
     table = Table()
     for title in ("log", "motion", "parameter", "value", "95 %", "unit", "profile", ""):
@@ -102,7 +102,7 @@ def _show(report: Sequence[dict[str, Any]]) -> None:
 
 
 def _read(path: Path) -> Log:
-    from armadico_tools.speed_log import LogError, read_log  # noqa: PLC0415 - not for --help
+    from armadico_tools.speed_log import LogError, read_log
 
     try:
         return read_log(path.read_text(encoding="utf-8"))

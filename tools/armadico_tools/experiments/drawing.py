@@ -28,7 +28,7 @@ LEGEND_BELOW_IN: Final = 0.42
 
 def sheet(rows: int, columns: int, width: float = 10.0, height: float = 6.0) -> Figure:
     """An empty figure, in inches; `figure.axes` has its parts row by row."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, and slow
+    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.subplots(rows, columns, squeeze=False)
@@ -92,7 +92,7 @@ def by_holder(axes: Axes, run: Drive, title: str) -> None:
 
 def _legend(axes: Axes) -> None:
     """Below the axes and their label, however flat they are, where it hides nothing."""
-    from matplotlib.transforms import ScaledTranslation  # noqa: PLC0415
+    from matplotlib.transforms import ScaledTranslation
 
     inches = axes.figure.dpi_scale_trans
     below = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_IN, inches)
@@ -108,7 +108,7 @@ def _legend(axes: Axes) -> None:
 
 def floor(axes: Axes, world: World) -> None:
     """Walls, at one scale for both directions."""
-    from matplotlib.collections import LineCollection  # noqa: PLC0415
+    from matplotlib.collections import LineCollection
 
     lines = [[wall[:2], wall[2:]] for wall in world.outlines]
     axes.add_collection(LineCollection(lines, colors=INK, linewidths=1.4))

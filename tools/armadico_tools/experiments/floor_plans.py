@@ -253,7 +253,7 @@ def _clear(item: Sequence[tuple[float, float]], pose: Pose) -> bool:
 
 def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = PASSAGE_M) -> bool:
     """Whether a disc of a width (m) gets from start to goal."""
-    from scipy.ndimage import label  # noqa: PLC0415 - an extra, and slow
+    from scipy.ndimage import label
 
     free, xs, ys = free_cells(walls, 0.5 * width + 0.5 * CELL_M)
     cells = []

@@ -176,7 +176,7 @@ def scenarios(task: tuple[str, tuple[int, ...], Path]) -> list[Cell]:
 
 def places(world: World) -> list[tuple[float, float]]:
     """Where the robot can turn, in the largest part of the world that it can drive through."""
-    from scipy.ndimage import label  # noqa: PLC0415 - slow
+    from scipy.ndimage import label
 
     wide, xs, ys = free_cells(world.barriers, 0.5 * PASSAGE_M + 0.5 * CELL_M)
     parts, _ = label(wide)

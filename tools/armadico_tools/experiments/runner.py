@@ -210,7 +210,7 @@ class Context:
 
     def _figure(self, figure: Figure, name: str) -> None:
         """Write `name`.png and `name`.svg; the same figure gives the same bytes."""
-        import matplotlib as mpl  # noqa: PLC0415 - slow
+        import matplotlib as mpl
 
         with mpl.rc_context({"svg.hashsalt": name}):
             for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):

@@ -29,7 +29,7 @@ def spread(values: Sequence[float]) -> Spread | None:
     n, mean = len(values), fmean(values)
     if n == 1:
         return Spread(1, mean, 0.0, mean, mean)
-    from scipy.stats import t  # noqa: PLC0415
+    from scipy.stats import t
 
     sd = stdev(values)
     half = float(t.ppf(0.975, n - 1)) * sd / sqrt(n)
@@ -40,7 +40,7 @@ def against(ours: Spread, mean: float, sd: float, n: int = PUBLISHED_RUNS) -> fl
     """Welch's p for our mean being the published one; None where nothing varies or n is 1."""
     if ours.n < 2 or (ours.sd == 0.0 and sd == 0.0):
         return None
-    from scipy.stats import ttest_ind_from_stats  # noqa: PLC0415
+    from scipy.stats import ttest_ind_from_stats
 
     found = ttest_ind_from_stats(ours.mean, ours.sd, ours.n, mean, sd, n, equal_var=False)
     return _p(found.pvalue)
@@ -50,14 +50,14 @@ def paired(a: Sequence[float], b: Sequence[float]) -> float | None:
     """Wilcoxon's signed-rank p for two arms with the same seeds; None if they never differ."""
     if len(a) < 2 or all(x == y for x, y in zip(a, b, strict=True)):
         return None
-    from scipy.stats import wilcoxon  # noqa: PLC0415
+    from scipy.stats import wilcoxon
 
     return _p(wilcoxon(a, b).pvalue)
 
 
 def at_least(reached: int, n: int) -> float:
     """The lower end of the one-sided 95 % interval of a share (Clopper and Pearson)."""
-    from scipy.stats import beta  # noqa: PLC0415
+    from scipy.stats import beta
 
     return 0.0 if reached == 0 else float(beta.ppf(0.05, reached, n - reached + 1))
 

@@ -6,3 +6,14 @@ measured there). `record` is what was observed on either, or on a recording; `ch
 promises, `sightings` the situations that a campaign must show, `series` the sums, `shrink` makes a
 case small, and `campaign` is the command.
 """
+
+from typing import Final
+
+SEEDS: Final = 20
+"""Seeds of a campaign on the virtual mesh, if no number is given."""
+
+MINUTES: Final = 2.0
+"""Simulated minutes of each."""
+
+TRIALS: Final = 30
+"""Trials of each kind on real processes."""

@@ -21,9 +21,8 @@ from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
 from armadico.observe.conditions import software
 from armadico_tools.command_options import over
-from armadico_tools.commands.faults import MINUTES, SEEDS
-from armadico_tools.commands.faults import TRIALS as COUNT
-from armadico_tools.faults import plan, series, shrink, workload
+from armadico_tools.faults import MINUTES, SEEDS, plan, series, shrink, workload
+from armadico_tools.faults import TRIALS as COUNT
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.live import ROAD
 from armadico_tools.faults.plan import Outcome
@@ -100,8 +99,8 @@ def repeat(given: str, *, as_json: bool) -> int:
 
 
 def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
-    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
-    from armadico_tools.faults.recording import check  # noqa: PLC0415
+    from armadico.observe.recordings import RecordingError
+    from armadico_tools.faults.recording import check
 
     try:
         checker = check(path, namespace, options.say)

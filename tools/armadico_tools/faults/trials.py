@@ -369,7 +369,7 @@ TABLE: Final = (
         hosts=True,
     ),
 )
-"""The lines of the table in docs/reliability.md."""
+"""The lines of the table in docs/results-reliability.md."""
 
 
 def _beside(name: str, text: str, fault: Fault, whom: Whom, check: Check = lambda _: "") -> Trial:

@@ -247,7 +247,7 @@ def _main(arguments: Sequence[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from armadico.cli.options import parser  # noqa: PLC0415
+    from armadico.cli.options import parser
 
     made = parser(
         "make demo",
