@@ -46,7 +46,7 @@ class Gaps:
         if profile.laser is not None:
             self._limit(radians(profile.laser.step_deg), profile.laser.x_m)
 
-    def look(self, scan: Scan) -> bool:
+    def update(self, scan: Scan) -> bool:
         """Take what the laser's own scan says of its rays; whether that is news."""
         if abs(scan.step) == self._step:
             return False

@@ -46,7 +46,7 @@ class Readings:
         self.complaints: tuple[str, ...] = ()
         self._unheard = self._unseen = 0  # cycles since a sonar fired, and a scan came
 
-    def take(self, cycle: Cycle, report: Reported) -> None:
+    def update(self, cycle: Cycle, report: Reported) -> None:
         """What the robot reported in a cycle."""
         self.complaints = ()
         if self._ring is not None:

@@ -79,7 +79,7 @@ class Reflex:
         self._count = 0
         self._said_at = -inf
 
-    def hear(
+    def update(
         self,
         echoes: Iterable[Echo],
         pose: Pose2,

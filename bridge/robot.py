@@ -461,19 +461,19 @@ class Robot(DeviceAgent):
     def _perceive(self, cycle: Cycle, report: Reported) -> None:
         """Pass on what the sensors say."""
         readings = self._readings
-        readings.take(cycle, report)
+        readings.update(cycle, report)
         for message in (readings.sonar, readings.scan):
             if message is not None:
                 self.publish(message)
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
-        if readings.scan is not None and self._gaps.look(readings.scan) and self._gaps.told:
+        if readings.scan is not None and self._gaps.update(readings.scan) and self._gaps.told:
             self.log(self._gaps.told, WARNING)
 
     def _heed(self, report: Reported) -> None:
         """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
         pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
-        self._reflex.hear(
+        self._reflex.update(
             () if sonar is None else sonar.echoes,
             (pose.x, pose.y, pose.theta),
             self._orders.measured,

@@ -46,7 +46,7 @@ def run(args: Options) -> int:
         society = Society(world, missions, providers, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
         watcher.watch_router(society.view)
-        watcher.hear()
+        watcher.subscribe()
         helpers = stack.enter_context(Helpers(args.mesh))
         server = Server(
             (Client(mesh), Client(mesh)),

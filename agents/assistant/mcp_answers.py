@@ -63,8 +63,8 @@ class Society(Chronicle):
         self._missions = missions
         self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
 
-    def take(self, key: str, message: Message | None, t: float) -> None:
-        super().take(key, message, t)
+    def update(self, key: str, message: Message | None, t: float) -> None:
+        super().update(key, message, t)
         if isinstance(message, AssistantRecord):
             self._requests.append((t, message))
 

@@ -104,7 +104,7 @@ class Lines:
         self.client = ""
         self._version = version
 
-    def take(self, data: bytes) -> Call | bytes | None:
+    def receive(self, data: bytes) -> Call | bytes | None:
         """One line: a call to be answered, a line to be written at once, or nothing to do."""
         if len(data) > LONGEST:
             return _error(None, INVALID, f"a line of more than {LONGEST:,} bytes")

@@ -94,7 +94,7 @@ class Server:
         stopping = threading.Thread(target=self._serve_stops, name="stop", daemon=True)
         stopping.start()
         while True:
-            self._hear(TURN_S)
+            self._listen(TURN_S)
             try:
                 call = self._calls.get_nowait()
             except queue.Empty:
@@ -107,7 +107,7 @@ class Server:
     def _read(self, file: BinaryIO) -> None:
         """Take lines as they come: what needs no society is answered at once."""
         for line in lines_of(file):
-            found = self._lines.take(line) if line.strip() else None
+            found = self._lines.receive(line) if line.strip() else None
             if not isinstance(found, Call):
                 self._write(found)
             elif found.tool == STOP:
@@ -151,23 +151,23 @@ class Server:
                 self._out.write(line)
                 self._out.flush()
 
-    def _hear(self, for_s: float) -> None:
+    def _listen(self, for_s: float) -> None:
         """Take what comes of the society within so long, s; at once what has come already."""
         now = time.monotonic()
         if now - self._called_at < WATCHED_S and now - self._asked_at >= ASK_S:
             self._asked_at = now
             self._watcher.ask_for_cards()
             self._watcher.ask_for_bids()
-        item = self._watcher.take(for_s)
+        item = self._watcher.get(for_s)
         while item is not None:
             show(self._society, item)
-            item = self._watcher.take(0.0)
+            item = self._watcher.get(0.0)
 
     def _hear_until(self, enough: Callable[[], bool], for_s: float) -> None:
         """Listen until something is so, s at most."""
         end = time.monotonic() + for_s
         while not enough() and time.monotonic() < end:
-            self._hear(TURN_S)
+            self._listen(TURN_S)
 
     # Calls ---------------------------------------------------------------------------------------
 

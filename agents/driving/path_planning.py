@@ -169,7 +169,7 @@ class PathPlanning(Agent):
                 self._seen.take_scan(pose, said, pose.deviation, self.now)
         else:
             for echo in said.echoes:
-                self._seen.take(pose, echo, pose.deviation, self.now)
+                self._seen.add(pose, echo, pose.deviation, self.now)
         state = self.latest(RobotState)
         if state is not None and state.touch is not None and state.cycle == pose.cycle:
             self._seen.touch(pose, state.touch.x, state.touch.y, self.now)

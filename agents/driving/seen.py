@@ -85,7 +85,7 @@ class Seen:
         if before is not None and hypot(pose.x - before.x, pose.y - before.y) > self.p.jump_m:
             self._cells.clear()
 
-    def take(self, pose: Posed, echo: Echo, off_m: float, now: float) -> None:
+    def add(self, pose: Posed, echo: Echo, off_m: float, now: float) -> None:
         """Take one ping of a robot at a pose, which may be so far off."""
         p = self.p
         bearing = pose.theta + echo.bearing

@@ -147,10 +147,10 @@ class AttachedFleet(FleetRun):
     def _guest(self, mesh: Mesh) -> Client:
         """A guest that receives what all robots share."""
         client = Client(self._meshes.enter_context(closing(mesh)))
-        client.listen(FleetClaims, then=self._hear)
+        client.listen(FleetClaims, then=self._on_claims)
         return client
 
-    def _hear(self, said: Message, now: float) -> None:
+    def _on_claims(self, said: Message, now: float) -> None:
         if isinstance(said, FleetClaims):
             with suppress(TopologyError):  # whose namespace cannot be one is nobody
                 checked_namespace(f"{self.fleet}/{said.robot}")

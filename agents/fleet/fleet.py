@@ -228,7 +228,7 @@ class Fleet(Agent):
                 self._set_alarm()
             return
         before = len(work.sharing.done)
-        if work.sharing.hear(said, self.now):
+        if work.sharing.on_claims(said, self.now):
             self._begin_cycle(work)
         if len(work.sharing.done) != before:
             self._remember(work)
@@ -350,7 +350,7 @@ class Fleet(Agent):
                 if following is not None:
                     self._start(work, following)
             self._plan_ahead()
-            said = work.sharing.take()
+            said = work.sharing.drain()
             if said is not None:
                 self.publish(said)
         self._set_alarm()

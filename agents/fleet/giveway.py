@@ -160,7 +160,7 @@ class GiveWay(Behaviour):
     def on_fleet_pose(self, said: FleetPose) -> None:
         """Note where another robot is."""
         if said.robot != self.robot:
-            self._robots.hear(said, self.now)
+            self._robots.update(said, self.now)
             self._last_seen[said.robot] = said, self.now
 
     def on_fleet_passages(self, said: FleetPassages) -> None:
@@ -196,7 +196,7 @@ class GiveWay(Behaviour):
 
     # The passages ---------------------------------------------------------------------------------
 
-    def _look(self) -> None:
+    def _find_passages(self) -> None:
         """Find out which passages are on the way, and how far the next one is."""
         passages, here = self.passages, self._here
         if passages is None or here is None:
@@ -212,7 +212,7 @@ class GiveWay(Behaviour):
 
     def _take_turn(self) -> None:
         assert self.sharing is not None, "a cycle of shared passages has begun"
-        self._look()
+        self._find_passages()
         self.sharing.turn(self._bids, self.now)
 
     def _bids(self) -> Mapping[int, Bid]:
@@ -289,7 +289,7 @@ class GiveWay(Behaviour):
         if self.sharing is None:
             self.why = "the map has no passages" if self.passages else "there is no map"
             return None
-        self._look()
+        self._find_passages()
         bid = self._leave(here, obstacles) or self._stop(here, obstacles)
         if bid is not None:
             self._stood_at = self.now

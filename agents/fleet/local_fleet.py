@@ -127,7 +127,7 @@ class LocalFleet(FleetRun):
             if name in self._lost:
                 continue
             try:
-                launcher.look()
+                launcher.poll()
             except RunFailedError as error:
                 self._lost.add(name)
                 self._warn(f"{name}: {error}")

@@ -154,7 +154,7 @@ class FleetRun(Run[FleetWatch, FleetResult]):
 
         def show(message: Message, now: float) -> None:
             if not isinstance(message, SHARED) or message.robot == robot:
-                self.watch.show(robot, message, now)
+                self.watch.update(robot, message, now)
 
         client.listen(*FLEET_WATCHED, then=show)
 
@@ -218,7 +218,7 @@ class FleetRehearsal(FleetRun):
         self.clients[name] = client
         self.watch.names += (robot,)
         self.mesh.watch(
-            lambda _, message, now: self.watch.show(robot, message, now),
+            lambda _, message, now: self.watch.update(robot, message, now),
             *FLEET_WATCHED,
             namespace=name,
         )

@@ -151,7 +151,7 @@ class Sharing:
             if number is None or claim.ballot.instance != instance:
                 continue  # unknown, or claimed in the name of another instance
             there.add(number)
-            self._take(number, claim, now)
+            self._on_claim(number, claim, now)
         for number, contender in enumerate(self._contenders):
             rival = contender.rival
             if rival is None or rival.claim.ballot.instance != instance or rival.gone:
@@ -160,7 +160,7 @@ class Sharing:
                 # All that it holds is in each message: what is missing has been released. A message
                 # that is overtaken by a newer claim releases nothing.
                 ballot = rival.claim.ballot
-                self._take(number, Claim(contender.resource.name, ballot, cycle, None), now)
+                self._on_claim(number, Claim(contender.resource.name, ballot, cycle, None), now)
         return begins
 
     def turn(self, bids: Callable[[], Mapping[int, Bid]], now: float) -> None:
@@ -211,15 +211,15 @@ class Sharing:
         """Whether a resource is no longer contended for."""
         return False
 
-    def _take(self, number: int, claim: Claim, now: float) -> None:
+    def _on_claim(self, number: int, claim: Claim, now: float) -> None:
         """Another robot's claim: its command for the own owner, and then the claim."""
         owner = self._owners[number]
         action = None if claim.utility is None else claim.commanded
         command = Command(claim.resource, claim.cycle, claim.ballot, action)
         owner.judge(command, now, fault="" if action is None else owner.resource.fault(action))
-        owner.hear(claim)
+        owner.on_claim(claim)
         if not self.closed(number):
-            self._say(number, self._contenders[number].hear(claim, now), now)
+            self._say(number, self._contenders[number].on_claim(claim, now), now)
 
     def _bid(self, number: int, bid: Bid | None, now: float) -> None:
         cycle = self.clock.cycles.newest
@@ -233,6 +233,6 @@ class Sharing:
             if isinstance(message, Command):
                 owner.judge(message, now)
             elif isinstance(message, Claim):
-                owner.hear(message)
+                owner.on_claim(message)
                 self._claimed[number] = message
                 self._said = False

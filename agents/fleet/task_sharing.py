@@ -89,7 +89,7 @@ class TaskSharing(Sharing):
 
     # What comes in -------------------------------------------------------------------------------
 
-    def hear(self, said: FleetClaims, now: float) -> bool:
+    def on_claims(self, said: FleetClaims, now: float) -> bool:
         """Take what another robot holds and knows to be done; return whether a turn begins."""
         if said.instance == self.instance or said.cycle.epoch != self.clock.epoch:
             return False
@@ -116,7 +116,7 @@ class TaskSharing(Sharing):
             lambda: {task: bid for task, bid in bids().items() if task not in self.done}, now
         )
 
-    def take(self) -> FleetClaims | None:
+    def drain(self) -> FleetClaims | None:
         """What is to be published now; None if nothing is."""
         said = self.take_claims()
         if said is None:

@@ -109,7 +109,7 @@ class FleetWatch:
         """The time that it may take (s) is over."""
         self.limit = limit
 
-    def show(self, robot: str, message: Message, now: float) -> None:
+    def update(self, robot: str, message: Message, now: float) -> None:
         """Take one message that a robot's agents or simulator published."""
         self.now = now
         if isinstance(message, FleetPose):
@@ -119,7 +119,7 @@ class FleetWatch:
         if isinstance(message, FleetStatus):
             self.status[robot], self._said[robot] = message, now
         elif isinstance(message, FleetClaims):
-            self._take(message)
+            self._on_claims(message)
         elif isinstance(message, Truth):
             if one.truth is not None and self._counts:
                 one.way += hypot(message.x - one.truth.x, message.y - one.truth.y)
@@ -144,7 +144,7 @@ class FleetWatch:
         """Whether nothing of a robot's fleet agent has come lately."""
         return now - self._said.get(robot, -inf) >= SILENT_S
 
-    def _take(self, said: FleetClaims) -> None:
+    def _on_claims(self, said: FleetClaims) -> None:
         if self.began is None:
             return
         of_it = said.cycle.epoch == self.list

@@ -380,7 +380,7 @@ class Localization(Agent):
         )
         if self.now - self._shown_at >= PARTICLES_S:
             self._shown_at = self.now
-            self._show(cycle)
+            self._publish_particles(cycle)
             self._watch_wheels()
 
     def _least_m(self, belief: Localized) -> float:
@@ -399,7 +399,7 @@ class Localization(Agent):
             return self.p.unproved_m if fits else self.p.adrift_m
         return self.p.misfit_m if self._misfit else 0.0
 
-    def _show(self, cycle: Cycle) -> None:
+    def _publish_particles(self, cycle: Cycle) -> None:
         """Publish some particles: the same again while the robot stands."""
         changes = self._filter.changes
         if self._shown is not None and self._shown[0] == changes:

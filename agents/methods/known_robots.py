@@ -45,7 +45,7 @@ class KnownRobots:
         self._name = name
         self._heard: dict[str, tuple[FleetPose, float]] = {}
 
-    def hear(self, said: FleetPose, now: float) -> None:
+    def update(self, said: FleetPose, now: float) -> None:
         """Take a robot's word at a time, s."""
         if said.robot != self._name:
             self._heard[said.robot] = (said, now)

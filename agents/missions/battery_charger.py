@@ -214,7 +214,7 @@ class BatteryCharger(DeliberativeAgent):
     def on_planned(self, planned: Planned) -> None:
         """A plan was made, of the way or of another."""
         super().on_planned(planned)
-        self._desk.take(planned)
+        self._desk.on_plan(planned)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Look how things stand, once a cycle, and say so."""
@@ -224,7 +224,7 @@ class BatteryCharger(DeliberativeAgent):
         pose = self.latest(Pose)
         if pose is not None and self._docks:
             self._go_on(state, pose)
-            self._look(pose)
+            self._answer(pose)
         often = self._state in (ChargeState.DOCKING, ChargeState.LEAVING)
         if often or self.now - self._said_at >= SAY_S:
             self._tell(state)
@@ -441,7 +441,7 @@ class BatteryCharger(DeliberativeAgent):
 
     # How far it is -------------------------------------------------------------------------------
 
-    def _look(self, pose: Pose) -> None:
+    def _answer(self, pose: Pose) -> None:
         """Answer who asks, one after another; else look now and then how far the docks are."""
         self._shunned = {name: until for name, until in self._shunned.items() if until > self.now}
         if self._desk.busy and self.now - self._wanted_at > PATIENCE_S:

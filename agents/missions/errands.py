@@ -78,7 +78,7 @@ class PlanDesk:
             return None
         return Bid(utility, task, critical, reason=f"to {_at(task.goal)}")
 
-    def take(self, planned: Planned) -> None:
+    def on_plan(self, planned: Planned) -> None:
         """Hear a plan; it may be somebody else's."""
         if self._task is None or planned.id != self._task.id:
             return
@@ -234,7 +234,7 @@ class Errand:
         self._keep()
 
     def planned(self, planned: Planned) -> None:
-        self.desk.take(planned)
+        self.desk.on_plan(planned)
 
     def status(self, status: MissionStatus) -> None:
         """How far whoever's way is driven has come."""

@@ -295,7 +295,7 @@ class _Reader:
         self._check_on_alarm(mission, places)
         uncalled = [key for key, body in procedures.items() if not body.takes]
         for key in uncalled:
-            self._look(mission, key, (), places, start, 0)
+            self._check_procedure(mission, key, (), places, start, 0)
         return mission
 
     # Inside --------------------------------------------------------------------------------------
@@ -402,9 +402,9 @@ class _Reader:
             self._look_task(call, key, places, None)
         else:
             self._look_call(procedure, call, key)
-            self._look(mission, do, call.arguments, places, None, 0)
+            self._check_procedure(mission, do, call.arguments, places, None, 0)
 
-    def _look(
+    def _check_procedure(
         self,
         mission: Mission,
         name: str,
@@ -429,7 +429,7 @@ class _Reader:
                 self._look_when(plain.when, (*key, "when"), places)
             if plain.do in mission.procedures:
                 self._look_call(mission.procedures[plain.do], plain, key)
-                self._look(mission, plain.do, plain.arguments, places, start, depth + 1)
+                self._check_procedure(mission, plain.do, plain.arguments, places, start, depth + 1)
             else:
                 self._look_task(plain, key, places, start)
 

@@ -190,7 +190,7 @@ class MissionPlanning(DeliberativeAgent):
             return MissionReply(0, line(str(error)))
         self.log(f"mission {entry.told.name} taken on, priority {entry.told.priority:g}")
         self._changed = True
-        self._look()
+        self._select()
         return MissionReply(number)
 
     def on_mission_withdrawal(self, question: Question) -> MissionReply:
@@ -207,7 +207,7 @@ class MissionPlanning(DeliberativeAgent):
             who = f" by {request.cancel.by}" if request.cancel.by else ""
             self.log(line(f"mission {entry.told.name} cancelled{who}"))
         self._changed = True
-        self._look()
+        self._select()
         return MissionReply(found[0].told.mission)
 
     # What it hears --------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ class MissionPlanning(DeliberativeAgent):
     def on_wakeup(self) -> None:
         """Look at the mission; publish the board now and then."""
         self.wake_at(self.now + self.p.look_s)
-        self._look()
+        self._select()
 
     def on_board(self, board: Board) -> None:
         """What others remember of an earlier mission planning agent."""
@@ -280,7 +280,7 @@ class MissionPlanning(DeliberativeAgent):
                 self.log(line(f"alarm in {alarm.room}"), WARNING)
 
     def on_subplan(self, subplan: Subplan) -> None:
-        self._coordinator.take(subplan, self.now)
+        self._coordinator.add(subplan, self.now)
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Ask a planner agent for its card, which has what it plans for, until it comes."""
@@ -336,12 +336,12 @@ class MissionPlanning(DeliberativeAgent):
             alarms=frozenset(self._alarms.on),
         )
 
-    def _look(self) -> None:
+    def _select(self) -> None:
         """Look at the missions: go on with the most urgent one."""
         seconds, self._looked_at = max(self.now - self._looked_at, 0.0), self.now
         if self.stopped is not None:
             seconds = 0.0
-        self._coordinator.look(self.now)
+        self._coordinator.choose(self.now)
         if self._halt is not None and self.now > self._halt.until:
             self._halt = None
         before, entry = self._missions.active, self._missions.choose()

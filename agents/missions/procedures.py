@@ -270,7 +270,7 @@ class _Look:
         frame = self._frame
         progress = Progress(frame.elapsed, state, note, frame.stage)
         try:
-            verdict = task_class(step.do)(arguments_of(step)).look(self._beliefs, progress)
+            verdict = task_class(step.do)(arguments_of(step)).tick(self._beliefs, progress)
             if wrong := misfit(verdict):
                 verdict = Failed(f"task {step.do!r}: look gave {verdict!r}: {wrong}")
         except ConfigError as error:

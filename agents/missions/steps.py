@@ -52,7 +52,7 @@ class Move(Task):
     arguments: Arguments
     places: ClassVar[tuple[str, ...]] = ("to",)
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         """Drive; it is where the trajectory ends that it is there."""
         return _carried_out(Drive(self.arguments.to), progress, f"in {beliefs.room or 'no room'}")
 
@@ -70,7 +70,7 @@ class TakePhoto(Task):
     places: ClassVar[tuple[str, ...]] = ("room",)
     breaks_off: ClassVar[bool] = False
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         """Stand still, then say what was taken."""
         at, asked = beliefs.at, self.arguments
         if at is None:
@@ -96,7 +96,7 @@ class CheckAlarm(Task):
     places: ClassVar[tuple[str, ...]] = ("room",)
     breaks_off: ClassVar[bool] = False
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         """Stand still, then say what was seen."""
         if elsewhere := _elsewhere(self.arguments.room, beliefs):
             return elsewhere
@@ -114,7 +114,7 @@ class Wait(Task):
 
     arguments: Arguments
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:  # noqa: ARG002
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:  # noqa: ARG002
         return Going(Stand()) if progress.elapsed < self.arguments.seconds else Done()
 
 
@@ -128,7 +128,7 @@ class Dock(Task):
 
     arguments: Arguments
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         left = "" if beliefs.battery is None else f" to {beliefs.battery:.0%}"
         return _carried_out(Charge(self.arguments.until), progress, f"charged{left}")
 
@@ -143,5 +143,5 @@ class Explore(Task):
 
     arguments: Arguments
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:  # noqa: ARG002
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:  # noqa: ARG002
         return _carried_out(tasks.Explore(self.arguments.within), progress, "mapped")

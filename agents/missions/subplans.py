@@ -60,19 +60,19 @@ class Coordinator:
     def gone(self, instance: str, now: float) -> None:
         """An agent is gone: it is not waited for any more."""
         self.planners.pop(instance, None)
-        self.look(now)
+        self.choose(now)
 
-    def take(self, subplan: Subplan, now: float) -> None:
+    def add(self, subplan: Subplan, now: float) -> None:
         enquiry = self._enquiry
         if enquiry is not None and subplan.id == enquiry.request.id:
             enquiry.answers[subplan.planner] = subplan
-            self.look(now)
+            self.choose(now)
 
     def drop(self) -> None:
         """Nobody needs the answers any more."""
         self._enquiry = None
 
-    def look(self, now: float) -> None:
+    def choose(self, now: float) -> None:
         """Choose, once all have answered that are alive, or the time is over."""
         enquiry = self._enquiry
         if enquiry is None:

@@ -181,6 +181,6 @@ class Task:
     def __init__(self, arguments: Any) -> None:
         self.arguments: Any = arguments
 
-    def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
+    def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         """What it wants now, or how it ended."""
         raise NotImplementedError("look(self, beliefs, progress) says what the task wants")

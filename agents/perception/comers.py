@@ -46,7 +46,7 @@ class Comers:
         self._comes: dict[float, tuple[float, float]] = {}
         self._clock = 0.0
 
-    def hear(
+    def update(
         self,
         echoes: Sequence[Echo],
         ping_s: float,

@@ -80,7 +80,7 @@ class Mapper:
         odds[cells.states == OCCUPIED] = 2.0 * self.p.occupied
         self._odds = odds
 
-    def take(self, pose: Posed, echo: Echo) -> None:
+    def add(self, pose: Posed, echo: Echo) -> None:
         """Take one ping of a robot at a pose in the world."""
         p = self.p
         x, y, bearing = compose((pose.x, pose.y, pose.theta), (echo.x, echo.y, echo.bearing))

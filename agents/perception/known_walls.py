@@ -160,7 +160,7 @@ class KnownWalls:
         self._doubts: dict[int, float] = {}  # by the number of the three
         self._heard: dict[int, _Heard] = {}
 
-    def look(
+    def on_pose(
         self, pose: Pose2 | None, covariance: Sequence[float] = (), *, old: bool = False
     ) -> None:
         """Take where the robot is; nothing is near when nobody knows.
@@ -222,7 +222,7 @@ class KnownWalls:
                 off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
             yield _Bare(three, dx, dy, nx, ny, end, side, off)
 
-    def hear(self, echoes: Sequence[Echo]) -> list[bool]:
+    def on_echoes(self, echoes: Sequence[Echo]) -> list[bool]:
         """Doubt the places that had to answer a ping and did not, though something behind did.
 
         Returns of each echo whether the map has a wall that it comes from, somewhere in the sonar's

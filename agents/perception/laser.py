@@ -49,7 +49,7 @@ class LaserAgent(Perception):
 
     def on_scan(self, scan: Scan) -> None:
         """Take the scan in, and publish where the obstacles are."""
-        seen, walls = self._map, self._look()
+        seen, walls = self._map, self._near_walls()
         rays = scan.rays
         try:
             tell = seen.update(scan)
@@ -62,9 +62,9 @@ class LaserAgent(Perception):
             self._blind = False
             self.log("the laser sees again", INFO)
         if walls is not None:
-            walls.see(seen.look)
+            walls.see(seen.probe)
         believed = () if walls is None else walls.points(seen.outline)
-        looks = seen.look([(o.x, o.y) for o in believed])
+        looks = seen.probe([(o.x, o.y) for o in believed])
         told = (Look.SEEN, Look.THROUGH)
         self._expect(o for o, look in zip(believed, looks, strict=True) if look not in told)
         if seen.outline is not None:

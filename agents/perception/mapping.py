@@ -80,7 +80,7 @@ class Mapping(Agent):
                 self._map.see(pose, said)
         else:
             for echo in said.echoes:
-                self._map.take(pose, echo)
+                self._map.add(pose, echo)
         robot = self.latest(Description)
         if robot is not None:
             front, rear, side = robot.front, -robot.rear, robot.half_width

@@ -143,13 +143,13 @@ class Perception(Agent):
 
     def on_fleet_pose(self, said: FleetPose) -> None:
         """Where another robot is, by its own word."""
-        self._robots.hear(said, self.now)
+        self._robots.update(said, self.now)
 
-    def _look(self) -> KnownWalls | None:
+    def _near_walls(self) -> KnownWalls | None:
         """The walls of the map that are near, where the robot is now; None without a map."""
         if self._walls is not None:
             old = self.now - self._sure_at > self.p.walls.kept_s
-            self._walls.look(*self._place(self._origin), old=old)
+            self._walls.on_pose(*self._place(self._origin), old=old)
         return self._walls
 
     def _expect(self, walls: Iterable[Obstacle]) -> None:

@@ -108,7 +108,7 @@ class ScanMap(Near):
             self._heard = tuple(Obstacle(*row) for row in rows)
         return self._heard
 
-    def look(self, places: Sequence[tuple[float, float]]) -> list[Look]:
+    def probe(self, places: Sequence[tuple[float, float]]) -> list[Look]:
         """What came of looking at places with the newest scan, by both rays beside each."""
         looks: list[Look] = _SEES[self._looks(np.array(places).reshape(-1, 2))].tolist()
         return looks

@@ -70,8 +70,8 @@ class SonarAgent(Perception):
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
-        seen, walls = self._map, self._look()
-        explained = [False] * len(sonar.echoes) if walls is None else walls.hear(sonar.echoes)
+        seen, walls = self._map, self._near_walls()
+        explained = [False] * len(sonar.echoes) if walls is None else walls.on_echoes(sonar.echoes)
         far = [not _close(echo) for echo in sonar.echoes]
         seen.update(sonar.echoes, list(map(and_, explained, far)))
         self._expect(() if walls is None else walls.points(seen.outline))
@@ -80,7 +80,7 @@ class SonarAgent(Perception):
         body = seen.outline
         if walls is not None and walls.known and body is not None and self._odometry is not None:
             ping_s = self.cycles.period * self._listened / max(self._pings, 1)
-            self._comers.hear(sonar.echoes, ping_s, self._odometry, explained, body)
+            self._comers.update(sonar.echoes, ping_s, self._odometry, explained, body)
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
             return
         self._publish_near(

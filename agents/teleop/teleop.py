@@ -94,7 +94,7 @@ class Teleop(Behaviour):
 
     def on_stick(self, stick: Stick) -> None:
         """The first hand has it, until it lets go or falls silent."""
-        self._look()
+        self._check()
         last = self._stick
         if self._hand not in ("", stick.hand):
             self._wait(stick)
@@ -110,14 +110,14 @@ class Teleop(Behaviour):
 
     def on_robot_state(self, state: RobotState) -> None:
         super().on_robot_state(state)
-        self._look()
+        self._check()
         hand, at = self._told
         if self._hand or hand or self.now - at >= REPORT_S:
             self._tell(state)
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - obstacles start the turn
         """What the stick says, as far as it is safe; with no hand on it, to rest."""
-        self._look()
+        self._check()
         holds = self.holds(WHEELS)
         before = self._commanded if holds else self.measured
         self._commanded, self._slower = (0.0, 0.0), ""
@@ -161,7 +161,7 @@ class Teleop(Behaviour):
             ramp(before[1], wish[1], body.w_accel * s, body.w_decel * s),
         )
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         """Whether the hand is silent, or still there; and who still waits."""
         if self._hand and self.now - self._heard_at > self.p.silent_s:
             self.log(line(f"{self._hand} is silent: it has the stick no more"), WARNING)

@@ -267,7 +267,7 @@ def mesh(asked: options.Mesh) -> Generator[Finding, None, dict[str, float | None
             client, watcher, view = Client(joined), Watcher([joined]), View()
             watcher.watch_alive()
             watcher.watch_router(view)
-            watcher.hear()
+            watcher.subscribe()
             cards = client.cards()
             listen(watcher, view, HEAR_S)
             now = watcher.clock() / 1e9

@@ -73,7 +73,7 @@ def run(args: Options) -> int:
 
     with mesh:
         watcher = Watcher([mesh])
-        watcher.hear(args.pattern)
+        watcher.subscribe(args.pattern)
         for _ in range(args.count) if args.count else iter(int, 1):
             item = take(watcher, args)
             assert isinstance(item, Heard), "only messages were asked for"
@@ -84,7 +84,7 @@ def run(args: Options) -> int:
 def take(watcher: Watcher, args: Listening) -> Heard | Any:
     """The next thing heard. Raises an error if nothing comes within ``--timeout``."""
     what = f"nothing is published on {args.pattern}"
-    item = watcher.take(min(args.timeout or HINT_S, HINT_S))
+    item = watcher.get(min(args.timeout or HINT_S, HINT_S))
     (mesh,) = watcher.meshes
     waited = args.timeout or inf
     if item is None and waited == inf:
@@ -92,9 +92,9 @@ def take(watcher: Watcher, args: Listening) -> Heard | Any:
             note = f"armadico: {what} (namespace {args.mesh.namespace!r}); waiting, Ctrl-C ends it"
             print(note, file=sys.stderr)
         while item is None:
-            item = watcher.take(60.0)
+            item = watcher.get(60.0)
     elif item is None:
-        item = watcher.take(waited - HINT_S)
+        item = watcher.get(waited - HINT_S)
     if item is None:
         raise options.absent(mesh, waited, what)
     return item

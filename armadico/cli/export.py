@@ -53,7 +53,7 @@ def _to_csv(args: Options) -> str:
     with Tables(folder) as tables:
         for row in rows(args.file, options.teller("armadico export")):
             if args.namespace in (None, row.namespace):
-                tables.take(row)
+                tables.write(row)
     if not tables.rows:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{tables.rows} messages of {len(tables.topics)} topics in {folder}"

@@ -117,7 +117,7 @@ class Reason:
         self._ask_at = 0.0
         self._watcher.watch_alive()
         self._watcher.watch_router(self._view)
-        self._watcher.hear()
+        self._watcher.subscribe()
 
     def now(self) -> str:
         """The cause and what to do; empty while it moves, or stands as it should."""
@@ -129,7 +129,7 @@ class Reason:
             self._ask_at = now + ASK_S
             self._watcher.ask_for_cards()
             self._watcher.ask_for_bids()
-        while (item := self._watcher.take(0.0)) is not None:
+        while (item := self._watcher.get(0.0)) is not None:
             show(self._view, item)
         now = self._watcher.clock() / 1e9
         cause = standing(self._view, now, providers, self._hosts).cause

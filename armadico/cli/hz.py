@@ -38,7 +38,7 @@ def run(args: Options) -> int:
     rates: dict[str, Rate] = {}
     with mesh:
         watcher = Watcher([mesh])
-        watcher.hear(args.pattern)
+        watcher.subscribe(args.pattern)
         show_at = time.monotonic() + SHOW_S
         heard = 0
         while args.count is None or heard < args.count:

@@ -54,10 +54,10 @@ def _follow(args: Options) -> int:
 
     with mesh:
         watcher = Watcher([mesh])
-        watcher.hear("log/**")
+        watcher.subscribe("log/**")
         end = time.monotonic() + (args.timeout or float("inf"))
         while (left := end - time.monotonic()) > 0:
-            item = watcher.take(min(left, 60.0))
+            item = watcher.get(min(left, 60.0))
             if isinstance(item, Heard):
                 _show(args, item)
     return 0

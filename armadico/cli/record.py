@@ -161,8 +161,8 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:
             watcher, recording, _shower(args, watcher, begun), args.duration, lambda: bool(asked)
         )
     finally:
-        while (item := watcher.take(0)) is not None:
-            recording.take(item)
+        while (item := watcher.get(0)) is not None:
+            recording.add(item)
         recording.close()
     _say(f"{_remark(recording, watcher, begun)}; closed")
 

@@ -57,7 +57,7 @@ def run(args: Options) -> int:
     with args.mesh.join(starts=True) if live else args.mesh.joined() as mesh:
         watcher = Watcher([mesh])
         watcher.watch_alive()
-        watcher.hear()
+        watcher.subscribe()
         snapshots = Snapshots(View(), args.mesh.namespace, args.mesh.agents_by_host())
         watcher.watch_router(snapshots.view)
         if live:
@@ -128,11 +128,11 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
             watcher.ask_for_cards()
             watcher.ask_for_bids()
             snapshots.at(watcher.clock() / 1e9)  # CPU is measured from here on
-        item = watcher.take(min(ask_at, end) - now)
+        item = watcher.get(min(ask_at, end) - now)
         if item is not None:
             show(snapshots.view, item)
     over = watcher.clock()  # a look may take long, and what came meanwhile is not silence
-    while (item := watcher.take(0.0)) is not None and item.at <= over:
+    while (item := watcher.get(0.0)) is not None and item.at <= over:
         show(snapshots.view, item)
 
 

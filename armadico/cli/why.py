@@ -143,7 +143,7 @@ def _live(args: Options) -> Told:
         chronicle = Chronicle(installed=providers, hosts=hosts, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
         watcher.watch_router(chronicle.view)
-        watcher.hear()
+        watcher.subscribe()
         listen(watcher, chronicle, args.for_s)
         now = watcher.clock() / 1e9
         if not chronicle.view.alive:
@@ -276,7 +276,7 @@ def _take(chronicle: Chronicle, row: Row, t: float) -> None:
     elif isinstance(message, Card):
         chronicle.learn(message, t)
     else:
-        chronicle.take(row.key.removesuffix(REFUSED), message, t)
+        chronicle.update(row.key.removesuffix(REFUSED), message, t)
 
 
 # Answers ------------------------------------------------------------------------------------------

@@ -449,7 +449,7 @@ class Agent:
         """Take a latched state before it has begun."""
         self.now = now
         self._latest[type(message)] = message
-        self._hear(message)
+        self._on_latched(message)
 
     def asked(self, question: Question, now: float) -> None:
         """Take a query, and put the `Answer` into the outbox now or later."""
@@ -658,7 +658,7 @@ class Agent:
         if not self._advance(self.cycles, state.cycle, service_of(m.RobotState).key):
             return False
         self.tenure += 1
-        if state.stop != self.memory.newest(m.Stop) and self._hear(state.stop):
+        if state.stop != self.memory.newest(m.Stop) and self._on_latched(state.stop):
             self._stop_changed()
         for owned in self._owned.values():
             if owned.counter is None:
@@ -676,9 +676,9 @@ class Agent:
             return False
         contender = self._contenders.get(claim.resource)
         if contender is not None:
-            self._say(contender.resource, contender.hear(claim, self.now))
+            self._say(contender.resource, contender.on_claim(claim, self.now))
         owned = self._owned.get(claim.resource)
-        if owned is not None and owned.owner.hear(claim):
+        if owned is not None and owned.owner.on_claim(claim):
             self._rest(owned)
         return True
 
@@ -724,7 +724,7 @@ class Agent:
         return True
 
     def _take_latched(self, message: m.Latched) -> bool:
-        news = self._hear(message)
+        news = self._on_latched(message)
         if news and type(message) is m.Stop:
             self._stop_changed()
         if news and type(message) is m.Tuning:
@@ -760,11 +760,11 @@ class Agent:
         text += f": followed from cycle {cycle.number} on"
         self.log(text, WARNING if back else INFO)
 
-    def _hear(self, message: m.Latched) -> bool:
+    def _on_latched(self, message: m.Latched) -> bool:
         """Remember a latched state; tell of a counter that cannot be. Whether it is news."""
         memory, kind = self.memory, type(message)
         refused = memory.refused
-        news = memory.hear(message, self.now)
+        news = memory.update(message, self.now)
         if memory.refused != refused:
             done, by = "not believed", ""
             if isinstance(message, m.Stop):

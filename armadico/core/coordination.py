@@ -241,7 +241,7 @@ class Contender:
             self._do(Event.RESTED, now)
         return self._consider(now)
 
-    def hear(self, claim: Claim, now: float) -> list[Message]:
+    def on_claim(self, claim: Claim, now: float) -> list[Message]:
         """Take somebody's claim or release."""
         if claim.ballot.instance == self.instance or not self.clock.fresh(claim.cycle):
             return []
@@ -589,7 +589,7 @@ class Owner:
         self._rank = (0.0, False)  # utility and critical of what is obeyed
         self._obeyed_at = float("-inf")
 
-    def hear(self, claim: Claim) -> bool:
+    def on_claim(self, claim: Claim) -> bool:
         """Learn of a ballot: what is smaller is refused from now on. Whether to rest: a release."""
         if not self.clock.fresh(claim.cycle) or not plausible(claim.ballot, self.largest):
             return False

@@ -196,7 +196,7 @@ class Driver:
         if self.stage is Stage.JOINED:
             self.agent.stop(own)
 
-    def take(self) -> list[Output]:
+    def drain(self) -> list[Output]:
         """What is to be sent, each once, in order."""
         agent = self.agent
         if not agent.outbox:
@@ -388,7 +388,7 @@ class Driver:
             self._cards[number] = instance
             key = CARD.key_for(name=name, instance=instance)
             self._out.append(AskFor(number, key, Ask(), Card, CARD_S))
-        stage = admission.look(now)
+        stage = admission.check(now)
         if stage is Stage.CLAIMING or stage is Stage.JOINED:
             self._announce()
         if stage is Stage.JOINED and self.stage is not Stage.JOINED:

@@ -247,9 +247,9 @@ class Journalled(Driver):
 
     # What leaves ---------------------------------------------------------------------------------
 
-    def take(self) -> list[Output]:
+    def drain(self) -> list[Output]:
         """See `Driver`; and the journal's pieces, if they are published."""
-        given, shown = super().take(), False
+        given, shown = super().drain(), False
         if given:
             self._entries.append((TAKE, [_called(item, 0) for item in given], self._due()))
             # Whoever sees it sees its journal, too, however soon it is killed.

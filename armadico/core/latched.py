@@ -85,14 +85,14 @@ class Memory:
     def all(self) -> list[Latched]:
         return list(self._known.values())
 
-    def hear(self, message: Latched, now: float) -> bool:
+    def update(self, message: Latched, now: float) -> bool:
         """Take one at a time, s; whether it is news, to be acted upon."""
         if type(message) is Stop:
             return self._hear_stop(message, now)
         if self._place(message, now) is not _Place.NEWS:
             self._give_back(type(message), now)
             return False
-        self._take(message)
+        self._store(message)
         return True
 
     def _hear_stop(self, stop: Stop, now: float) -> bool:
@@ -113,7 +113,7 @@ class Memory:
             self._give_back(Stop, now)
             return False
         if place is _Place.NEWS:
-            self._take(stop)
+            self._store(stop)
             return stop.stopped != was.stopped
         if seen or not stop.stopped:  # an old stop, long released, or a release come too late
             self._give_back(Stop, now)
@@ -172,7 +172,7 @@ class Memory:
             del self._far[kind]
         return far.answered
 
-    def _take(self, message: Latched) -> None:
+    def _store(self, message: Latched) -> None:
         """Remember it; whoever said it was faster than this one."""
         kind = type(message)
         self._known[kind] = message
@@ -186,7 +186,7 @@ class Memory:
 
     def note(self, message: Latched) -> None:
         """Remember what this process publishes itself."""
-        self._take(message)
+        self._store(message)
         self._doubt.pop(type(message), None)
         if isinstance(message, Stop) and message.press not in self._presses:
             self._presses.append(message.press)

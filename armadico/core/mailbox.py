@@ -55,7 +55,7 @@ class Mailbox(Generic[T]):
         self._arrivals += 1
         lane.append((self._arrivals, item))
 
-    def take(self) -> T | None:
+    def get(self) -> T | None:
         """The oldest item; None if there is none."""
         lanes = self._lanes
         if not lanes:

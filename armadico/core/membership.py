@@ -139,11 +139,11 @@ class Admission:
             self._asked[instance] = now
         return [(self._alive[instance][0], instance) for instance in due]
 
-    def look(self, now: float) -> Stage:
+    def check(self, now: float) -> Stage:
         """How far it is now; `refusal` says why, if it may not join or stay."""
         self._looked_at = now
         if self.stage is Stage.LOOKING:
-            self._look(now)
+            self._check(now)
         elif self.stage is Stage.CLAIMING:
             self._claim(now)
         elif self.stage is Stage.JOINED:
@@ -176,7 +176,7 @@ class Admission:
 
     # The rules -----------------------------------------------------------------------------------
 
-    def _look(self, now: float) -> None:
+    def _check(self, now: float) -> None:
         if self._waits(now) or self._in_place(now):
             return
         foreign = self._foreign()

@@ -86,7 +86,7 @@ class Gateway:
         """Pass on what comes within `timeout` (s), and then goals, if any. Raises OSError."""
         self._client.wait_for(lambda: None, timeout)
         for asked in self._outside.asked():
-            self._take(asked)
+            self._publish(asked)
         now = self._mesh.now()
         if self._goal is not None and now >= self._goal_at:
             (topic, request), self._goal, self._goal_at = self._goal, None, now + GOAL_S
@@ -104,13 +104,13 @@ class Gateway:
         def take(message: Message, at: float) -> None:
             stamp = round(1e9 * at) + self._offset
             self._heard_at = at
-            for sample in translator.take(self._client.key, message, stamp):
+            for sample in translator.translate(self._client.key, message, stamp):
                 self._outside.publish(sample, stamp)
                 self.samples += 1
 
         return take
 
-    def _take(self, asked: Asked) -> None:
+    def _publish(self, asked: Asked) -> None:
         by = self._goals.get(asked.topic)
         if by is None:
             return

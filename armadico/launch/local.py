@@ -231,7 +231,7 @@ class Launcher(LiveRun):
         whose = f", with the robot agent {found[0]}" if found else ""
         return f"\nA society is up in the namespace {self._namespace!r}{whose}: {INSTEAD}"
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Say once who has gone.
 
         Raises RunFailedError if another's agent has taken the place of one.
@@ -245,7 +245,7 @@ class Launcher(LiveRun):
                     f"{process.name} is gone ({ending(process.popen.returncode)});"
                     f" its last words, of {process.log}:\n{process.last_words()}"
                 )
-        super().look()
+        super().poll()
 
     def words_of_the_robot(self) -> str:
         """The last words of the newest robot agent."""

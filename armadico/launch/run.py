@@ -267,15 +267,15 @@ class LiveRun(RobotRun):
         self._silent_s = silent_s
         self._idle_s = idle_s
         self._strangers: set[str] = set()
-        self.client.listen(*watched(), then=self.watch.show)
+        self.client.listen(*watched(), then=self.watch.update)
         self._unfit = ""
         self.client.listen(Log, then=lambda log, _: self._hear_log(log))
 
     def goes_on(self, elapsed: float) -> bool:
-        self.look()
+        self.poll()
         return super().goes_on(elapsed) and not self._nobody_can(elapsed)
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Called now and then while it runs.
 
         Raises RunFailedError if the robot is silent, or another one has come in its place.
@@ -303,7 +303,7 @@ class LiveRun(RobotRun):
     def wait_on(self) -> None:
         """Let the society be for a step. Raises RunFailedError if the robot is silent."""
         self.client.wait_for(lambda: None, self.step_s)
-        self.look()
+        self.poll()
 
     def words_of_the_robot(self) -> str:
         """What is known of a robot that does not answer."""

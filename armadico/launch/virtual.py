@@ -108,7 +108,7 @@ class Rehearsal(RobotRun):
         super().__init__(scenario, options, Client(session, self._stream("client")))
         # At the moment of publication: what is measured has been nowhere on the way.
         where = self.namespace
-        self.mesh.watch(self._show, *watched(), namespace=where)
+        self.mesh.watch(self._on_message, *watched(), namespace=where)
         self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log, namespace=where)
         kind = load_kind(load_profile(scenario.robot).section)
         self.robot = kind.in_scenario(scenario, self._stream)
@@ -156,8 +156,8 @@ class Rehearsal(RobotRun):
         line = device or (self.robot if isinstance(agent, DeviceAgent) else None)
         return self.mesh.add(agent, line, clock, waits=waits, namespace=self.namespace)
 
-    def _show(self, _key: str, message: Message, now: float) -> None:
-        self.watch.show(message, now)
+    def _on_message(self, _key: str, message: Message, now: float) -> None:
+        self.watch.update(message, now)
 
     def _stream(self, name: str) -> Random:
         """One of the robot's own."""

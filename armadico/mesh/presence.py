@@ -72,7 +72,7 @@ class Presence:
         if self.reachable and self._look_at == inf:  # else the others have time to come back
             self._tell(who, False)
 
-    def look(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Report who has gone, once it is due."""
         if now >= self._look_at:
             self._look_at = inf

@@ -114,7 +114,7 @@ class VirtualMesh(Network):
     def start(self, node: Node, _: Any = None) -> None:
         """Have its agent begin, if it has not yet and is linked to a router."""
         if node.alive and not node.begun and (self.star.has_router(node) or not node.waits):
-            self.liveliness.look(node)
+            self.liveliness.introduce(node)
             node.begin()
 
     def keep_journals(self, head: Callable[[Agent], bytes]) -> None:

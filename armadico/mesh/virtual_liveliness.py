@@ -30,11 +30,11 @@ class Liveliness:
         self._cuts: Counter[Way] = Counter()
         self._parted: set[frozenset[str]] = set()  # names whose connection's lease ran out
 
-    def look(self, place: Place) -> None:
+    def introduce(self, place: Place) -> None:
         """A process has joined: it is told who is alive."""
         for other in self._mesh.others(place):
             if not other.lost:
-                self._show(other, place)
+                self._announce(other, place)
 
     def join(self, place: Place, name: str, instance: str) -> None:
         """A process declares its token: the others are told."""
@@ -93,7 +93,7 @@ class Liveliness:
         """It is linked again, where there is no router."""
         if node.alive and not node.hung and node.hangs == hang:
             node.lost = False
-            self.look(node)
+            self.introduce(node)
             for name, instance in node.tokens:
                 self.join(node, name, instance)
 
@@ -132,9 +132,9 @@ class Liveliness:
         """A link was cut for less than the lease: tokens that came meanwhile come now."""
         router = self._mesh.star.router(place.namespace)
         if router is None and not (place.lost or other.lost):
-            self._show(other, place)
+            self._announce(other, place)
         elif other is router and place.uplink is router:
-            self.look(place)
+            self.introduce(place)
             for name, instance in place.tokens:
                 self.join(place, name, instance)
 
@@ -169,7 +169,7 @@ class Liveliness:
         for place, other in self._pairs(pair):
             router = self._mesh.star.router(place.namespace)
             if router is None and other.alive and not (place.lost or other.lost):
-                self._show(other, place)
+                self._announce(other, place)
             elif other is router:
                 self._mesh.star.reach(place)
 
@@ -185,7 +185,7 @@ class Liveliness:
 
     # Telling -------------------------------------------------------------------------------------
 
-    def _show(self, place: Place, other: Place) -> None:
+    def _announce(self, place: Place, other: Place) -> None:
         """One's tokens come to another; those of another robot's nobody looks for."""
         if place.namespace != other.namespace:
             return

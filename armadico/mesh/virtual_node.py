@@ -87,7 +87,7 @@ class Node(Place):
     def leave(self) -> None:
         """SIGTERM: it lets go of what it holds, and ends."""
         self.driver.leave(self.time)
-        self._send(self.driver.take())
+        self._send(self.driver.drain())
         self.kill()
 
     def hang(self) -> None:
@@ -139,7 +139,7 @@ class Node(Place):
             return
         driver = self.driver
         driver.deliver(to, key, message, self.mesh.now if self.clock is None else self.time)
-        out = driver.take()
+        out = driver.drain()
         if out:
             self._send(out)
         wanted, due = driver.wakeup, self._wake_due
@@ -191,13 +191,13 @@ class Node(Place):
             self._drain()
 
     def _flush(self) -> None:
-        while not self.hung and not self._busy and (item := self.mailbox.take()):
+        while not self.hung and not self._busy and (item := self.mailbox.get()):
             item()
         self._own_up()
 
     def _work(self) -> None:
         """A slow process takes one thing after another; what it sends comes at the end of each."""
-        while not (self._busy or self.hung) and (item := self.mailbox.take()):
+        while not (self._busy or self.hung) and (item := self.mailbox.get()):
             self._worked += 1
             item()
         if not self._busy:
@@ -210,7 +210,7 @@ class Node(Place):
             return
         if dropped := self.mailbox.take_dropped():
             self.driver.report(dropped, self.time)
-            self._send(self.driver.take())
+            self._send(self.driver.drain())
 
     def _has_worked(self, out: list[Output], _: Any) -> None:
         self._busy = False
@@ -232,7 +232,7 @@ class Node(Place):
 
     def _drain(self) -> None:
         """Send what the agent has put into its outbox, at once or when its work is done."""
-        out = self.driver.take()
+        out = self.driver.drain()
         if self.work_s and self.alive:
             self._busy = True
             self.mesh.call_at(self.mesh.now + self.work_s, self._has_worked, out)
@@ -258,7 +258,7 @@ class Node(Place):
             elif isinstance(item, Reply):
                 self.mesh.queries.reply(self, item.call, item.key, item.message)
             elif isinstance(item, Announce):
-                self.show(self.name, self.agent.instance)
+                self.announce(self.name, self.agent.instance)
             elif isinstance(item, OpenPort) and self.device is not None:
                 self.mesh.ports.plug(self.device, self)
                 self.driver.link(True, "", self.time)
@@ -270,7 +270,7 @@ class Node(Place):
     def unsent(self, key: str, why: str) -> None:
         """See `Place`: the agent says so."""
         self.driver.refuse(key, why, self.time)
-        self._send(self.driver.take())
+        self._send(self.driver.drain())
 
     # Wake-ups ------------------------------------------------------------------------------------
 

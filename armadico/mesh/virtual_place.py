@@ -71,13 +71,13 @@ class Place:
         due = self.presence.due
         if due < self._look_at:
             self._look_at = due
-            self.mesh.call_at(due, self._look, due)
+            self.mesh.call_at(due, self._introduce, due)
 
-    def _look(self, due: float, _: Any) -> None:
+    def _introduce(self, due: float, _: Any) -> None:
         if due == self._look_at:
             self._look_at = inf
             if self.alive:
-                self.presence.look(self.mesh.now)
+                self.presence.poll(self.mesh.now)
                 self.mind_presence()
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
@@ -106,7 +106,7 @@ class Place:
     def refuse(self, _: Any, what: tuple[str, Message]) -> None:
         """Something was published by a wildcard: nobody takes it."""
 
-    def show(self, name: str, instance: str) -> None:
+    def announce(self, name: str, instance: str) -> None:
         self.tokens.append((name, instance))
         self.mesh.liveliness.join(self, name, instance)
 

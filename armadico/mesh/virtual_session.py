@@ -92,12 +92,12 @@ class VirtualSession(Place):
 
     def declare_alive(self, name: str, instance: str) -> None:
         self._joined()
-        self.show(name, instance)
+        self.announce(name, instance)
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
         self._joined()
         self._changed.append(changed)
-        self.mesh.liveliness.look(self)
+        self.mesh.liveliness.introduce(self)
 
     @property
     def reachable(self) -> bool:

@@ -179,7 +179,7 @@ class Star:
         place.presence.link(True, self._mesh.now)
         place.mind_presence()
         liveliness = self._mesh.liveliness
-        liveliness.look(place)
+        liveliness.introduce(place)
         for name, instance in place.tokens:
             liveliness.join(place, name, instance)
         if isinstance(place, Node):

@@ -587,14 +587,14 @@ class ZenohMesh(Reader, Monotonic):
         due = self._presence.due
         if due == float("inf") or self._timer is not None or self._left.is_set():
             return
-        self._timer = threading.Timer(max(due - self.now(), 0.0), self._look)
+        self._timer = threading.Timer(max(due - self.now(), 0.0), self._check_links)
         self._timer.daemon = True
         self._timer.start()
 
-    def _look(self) -> None:
+    def _check_links(self) -> None:
         with self._lock:
             self._timer = None
-            self._presence.look(self.now())
+            self._presence.poll(self.now())
             self._wait_for_due()
 
     # Inside --------------------------------------------------------------------------------------

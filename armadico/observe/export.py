@@ -46,7 +46,7 @@ class Tables:
     def topics(self) -> list[str]:
         return sorted(self._files)
 
-    def take(self, row: Row) -> None:
+    def write(self, row: Row) -> None:
         """Write one row; what is no known message is left out."""
         if not row.schema:
             return
@@ -118,7 +118,7 @@ def translated(
             if (message := row.received) is None:
                 continue
             for each in made.get(row.namespace, ()):
-                for sample in each.take(row.key, message, row.t):
+                for sample in each.translate(row.key, message, row.t):
                     file.add_sample(sample, row.t)
                     count += 1
     finally:
@@ -147,7 +147,7 @@ def to_rrd(
     for row in rows(path, warn):
         first = row.t if first is None else first
         if row.namespace == chosen and (message := row.received) is not None:
-            scene.take(message, (row.t - first) / 1e9)
+            scene.update(message, (row.t - first) / 1e9)
             count += 1
     finish(recording, out)
     return count

@@ -70,7 +70,7 @@ def film_run(world: World, run: Run, out: Path | str, speed: float | None = None
     try:
         with writer.saving(scene.canvas.figure, str(path), DPI * SHRUNK):
             for past in _moments(run, speed):
-                scene.show(past)
+                scene.draw(past)
                 writer.grab_frame()
     except BaseException as error:
         if new:
@@ -113,7 +113,7 @@ class _Scene:
         canvas.axes.add_patch(self._body)
         (self._nose,) = canvas.axes.plot([], [], color=INK, linewidth=1.3, zorder=8)
 
-    def show(self, past: int) -> None:
+    def draw(self, past: int) -> None:
         """Draw the moment in which so many steps are past."""
         run, at = self._run, self.canvas.at
         begun = 0

@@ -267,7 +267,7 @@ class Pieces:
         self._read = read
         self._pieces: dict[tuple[str, str], dict[int, _Piece]] = defaultdict(dict)
 
-    def take(self, namespace: str, data: bytes, at: int, place: Any = None) -> None:
+    def add(self, namespace: str, data: bytes, at: int, place: Any = None) -> None:
         """One piece as it was published, at a time (ns since 1970); what is none is left out."""
         try:
             piece = decode(data, JournalPiece)

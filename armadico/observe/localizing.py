@@ -80,7 +80,7 @@ class Mapper(Protocol):
     def see(self, pose: Any, scan: Scan) -> None:
         """Take a scan of a robot at a pose in the world."""
 
-    def take(self, pose: Any, echo: Echo) -> None:
+    def add(self, pose: Any, echo: Echo) -> None:
         """Take one ping of a sonar."""
 
     def cells(self) -> Cells:
@@ -120,7 +120,7 @@ def mapped(
             mapper.see(pose, reading)
         else:
             for echo in reading.echoes:
-                mapper.take(pose, echo)
+                mapper.add(pose, echo)
         step()
     cells = mapper.cells()
     if not cells.area(grid_map.OCCUPIED):

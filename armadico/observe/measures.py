@@ -200,7 +200,7 @@ class RunWatch:
         """The time that it may take is over."""
         self.limit = None if self.done else limit
 
-    def show(self, message: Message, now: float) -> None:
+    def update(self, message: Message, now: float) -> None:
         if self.done:
             return
         self.now = now

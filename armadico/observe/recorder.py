@@ -160,7 +160,7 @@ class Gaps:
         self._next: dict[tuple[str, str], int] = {}  # after the newest piece, by instance
         self._missing: dict[tuple[str, str], dict[int, int]] = {}  # and how often it was asked for
 
-    def take(self, namespace: str, piece: JournalPiece) -> bool:
+    def add(self, namespace: str, piece: JournalPiece) -> bool:
         """Know of a piece that came; whether it is there for the first time."""
         who, number = (namespace, piece.instance), piece.number
         missing, after = self._missing.setdefault(who, {}), self._next.get(who, 0)
@@ -234,7 +234,7 @@ class Recording:
         """Bytes in all files."""
         return self._earlier + self._file.size
 
-    def take(self, item: Heard | Presence) -> None:
+    def add(self, item: Heard | Presence) -> None:
         """Keep one thing that came."""
         if isinstance(item, Presence):
             self._take_presence(item)
@@ -248,7 +248,7 @@ class Recording:
         if message is None:
             self._add(item, None, item.data)
         elif isinstance(message, JournalPiece):
-            if self.gaps.take(item.namespace, message):
+            if self.gaps.add(item.namespace, message):
                 self._add(item, None, item.data)  # which is packed as it is
         elif isinstance(message, BidHistory) and item.asked:
             self._take_bids(item, message)
@@ -309,7 +309,7 @@ class Recording:
 
     def _translate(self, item: Heard, message: Message) -> None:
         for translator in self._translators.get(item.namespace, ()):
-            for sample in translator.take(item.key, message, item.at):
+            for sample in translator.translate(item.key, message, item.at):
                 self._file.add_sample(sample, item.at)
                 if sample.channel.latched:
                     self._kept[sample.channel.topic] = sample
@@ -353,7 +353,7 @@ def record(
     exception within what writes, KeyboardInterrupt say, leaves a file that is not whole.
     """
     watcher.watch_alive()
-    watcher.hear()
+    watcher.subscribe()
     end = float("inf") if duration is None else time.monotonic() + duration
     flush_at = ask_at = show_at = time.monotonic()
     while (now := time.monotonic()) < end and not over():
@@ -366,9 +366,9 @@ def record(
         if now >= show_at:
             show_at = now + SHOW_S
             show(recording)
-        item = watcher.take(min(flush_at, end) - now)
+        item = watcher.get(min(flush_at, end) - now)
         if item is not None:
-            recording.take(item)
+            recording.add(item)
     _complete(watcher, recording)
 
 
@@ -381,9 +381,9 @@ def _complete(watcher: Watcher, recording: Recording) -> None:
         watcher.ask_for_piece(*lost, COMPLETE_S)
     end = time.monotonic() + COMPLETE_S
     while missing and recording.gaps.lost and (left := end - time.monotonic()) > 0:
-        item = watcher.take(left)
+        item = watcher.get(left)
         if item is not None:
-            recording.take(item)
+            recording.add(item)
 
 
 def _ask(watcher: Watcher, recording: Recording) -> None:

@@ -294,7 +294,7 @@ class Past:
         for row in self.rows():
             if row.key.startswith(JOURNAL) and not row.schema:
                 if instances is None or row.key.removeprefix(JOURNAL) in instances:
-                    pieces.take(row.namespace, row.data, row.t, row.place)
+                    pieces.add(row.namespace, row.data, row.t, row.place)
             elif row.schema == HERE and (instances is None or row.fields["instance"] in instances):
                 there.add((row.namespace, row.fields["instance"]))
         found = pieces.journals()

@@ -141,7 +141,7 @@ class Life:
             then = now = due_then = due_now = None
             if following is not None and following[0] == j.TAKE:
                 (_, then, due_then), following = following, next(entries, None)
-                given = [] if self.raised else driver.take()
+                given = [] if self.raised else driver.drain()
                 for item in given:
                     if isinstance(item, AskFor):
                         asked[item.id] = item.reply

@@ -57,7 +57,7 @@ class Translator(Protocol):
     about: Mapping[str, Mapping[str, str]]
     """and the metadata that whoever reads it looks for."""
 
-    def take(self, key: str, message: Message, at: int) -> Iterable[Sample]:
+    def translate(self, key: str, message: Message, at: int) -> Iterable[Sample]:
         """What a message comes to; it was received at `at`, ns since 1970."""
 
     def goal(

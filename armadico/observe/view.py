@@ -209,7 +209,7 @@ class View:
             del self.gone[gone]
         return True
 
-    def take(self, key: str, message: Message | None, t: float) -> None:
+    def update(self, key: str, message: Message | None, t: float) -> None:
         """Something was published on a key, without the namespace; None: it cannot be read."""
         rate = self.rates.get(key)
         if rate is None:
@@ -533,14 +533,14 @@ class Rate:
         self._arrivals: deque[float] = deque()
 
     def add(self, at: float) -> None:
-        self.look(at)
+        self.expire(at)
         self.count += 1
         if self.last is None or at - self.last > max(self.deadline_s or 0.0, QUIET_S):
             self.since = at
         self.last, self._late = at, False
         self._arrivals.append(at)
 
-    def look(self, now: float) -> None:
+    def expire(self, now: float) -> None:
         """Forget what is past, and notice a deadline that has been missed."""
         while self._arrivals and now - self._arrivals[0] > WINDOW_S:
             self._arrivals.popleft()
@@ -552,7 +552,7 @@ class Rate:
 
     def hz(self, now: float) -> float | None:
         """Messages a second; None before there are two. Silence counts as soon as it is long."""
-        self.look(now)
+        self.expire(now)
         if len(self._arrivals) < 2:
             return None if self.count < 2 else 0.0
         gaps = len(self._arrivals) - 1

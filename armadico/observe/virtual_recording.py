@@ -77,7 +77,7 @@ class Recorded:
                 continue
             agent = node.agent
             here = Presence(where, agent.name, agent.instance, node.alive, _ns(now))
-            self._take(here)
+            self._write(here)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
                 self._keep(where, CARD.key_for(**names), agent.card(), now, asked=True)
@@ -96,12 +96,12 @@ class Recorded:
         self, namespace: str, key: str, message: Message, now: float, *, asked: bool = False
     ) -> None:
         data = encode(message)
-        self._take(Heard(namespace, key, data, _ns(now), asked))
+        self._write(Heard(namespace, key, data, _ns(now), asked))
 
-    def _take(self, item: Heard | Presence) -> None:
+    def _write(self, item: Heard | Presence) -> None:
         if self._failure is None:
             with self._failing():
-                self.recording.take(item)
+                self.recording.add(item)
 
 
 def _ns(now: float) -> int:

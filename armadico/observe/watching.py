@@ -78,7 +78,7 @@ class Watcher:
         self.dropped = 0  # what there was no room for
         self._queue: queue.Queue[Heard | Presence] = queue.Queue(waiting)
 
-    def hear(self, pattern: str = EVERYTHING) -> None:
+    def subscribe(self, pattern: str = EVERYTHING) -> None:
         """Keep messages published on matching keys, in every namespace."""
         for mesh in self.meshes:
             mesh.subscribe(pattern, self._receiver(mesh.namespace, asked=False))
@@ -119,7 +119,7 @@ class Watcher:
         """Query everybody's recent bids, losers' too."""
         self.ask(BIDS.key_for(name="*", instance="*"), timeout)
 
-    def take(self, timeout: float) -> Heard | Presence | None:
+    def get(self, timeout: float) -> Heard | Presence | None:
         """The next thing that came; None if nothing does within `timeout` (s)."""
         try:
             return self._queue.get(block=timeout > 0, timeout=max(timeout, 0.0))
@@ -129,7 +129,7 @@ class Watcher:
     def until(self, deadline: float) -> Iterator[Heard | Presence]:
         """What comes until a time of `time.monotonic` (s)."""
         while (left := deadline - time.monotonic()) > 0:
-            item = self.take(left)
+            item = self.get(left)
             if item is not None:
                 yield item
 
@@ -178,7 +178,7 @@ def show(view: View | Chronicle, item: Heard | Presence) -> None:
         return
     message = read_or_none(item)
     if not item.asked:
-        view.take(item.key, message, item.at / 1e9)
+        view.update(item.key, message, item.at / 1e9)
     elif message is not None:
         view.learn(message, item.at / 1e9)
 

@@ -183,11 +183,11 @@ class Chronicle:
         self._pass(t)
         self.view.token(instance, there=there, t=t)
 
-    def take(self, key: str, message: Message | None, t: float) -> None:
+    def update(self, key: str, message: Message | None, t: float) -> None:
         """Something was published on a key; None: it cannot be read."""
         self._pass(t)
         unheard, truth = self.view.state is None, self.view.truth
-        self.view.take(key, message, t)
+        self.view.update(key, message, t)
         match message:
             case RobotState():
                 self._take_state(message, t, first=unheard)
@@ -289,7 +289,7 @@ class Chronicle:
         history = self._of(claim.resource)
         history.claims.append((t, claim))
         if history.owner is not None:
-            history.owner.hear(claim)
+            history.owner.on_claim(claim)
         for each in self._pending:
             if (
                 isinstance(each, _Taken)

@@ -199,7 +199,7 @@ class Client:
                 left = deadline - self.mesh.now()
                 if left <= 0:
                     return value
-                self._take(left)
+                self._dispatch(left)
         finally:
             self._handing_on -= 1
         return value
@@ -471,9 +471,9 @@ class Client:
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _take(self, timeout: float) -> bool:
+    def _dispatch(self, timeout: float) -> bool:
         """Hand on the next that comes within `timeout` (s); whether there was one."""
-        item = self._inbox.take(timeout)
+        item = self._inbox.get(timeout)
         if item is not None:
             call, args = item
             call(*args)
@@ -483,7 +483,7 @@ class Client:
         """Hand on what has come while nobody waited."""
         self._handing_on += 1
         try:
-            while self._take(0.0):
+            while self._dispatch(0.0):
                 pass
         finally:
             self._handing_on -= 1
@@ -497,7 +497,7 @@ class Client:
         def over() -> bool:
             state = self.latest(RobotState)
             if state is not None:
-                latching.hear(state, self.mesh.now())
+                latching.on_robot_state(state, self.mesh.now())
             return latching.done or bool(latching.refusal)
 
         end = self.mesh.now() + timeout

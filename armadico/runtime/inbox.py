@@ -78,7 +78,7 @@ class Inbox:
         except RuntimeError:  # it is ringing already
             pass
 
-    def take(self, timeout: float | None) -> Item | None:
+    def get(self, timeout: float | None) -> Item | None:
         """The oldest item; None if it was rung for none, or `timeout` (s) has passed."""
         item = self._pop()
         end = None if timeout is None else self._time.now() + timeout
@@ -112,4 +112,4 @@ class Inbox:
     def _pop(self) -> Item | None:
         with self._guard:
             self._sort()
-            return self._mailbox.take()
+            return self._mailbox.get()

@@ -62,7 +62,7 @@ class Latching:
         self._heard_at = float("-inf")
         self._since: float | None = None  # acknowledged by the robot agent without a break
 
-    def hear(self, state: RobotState, now: float) -> None:
+    def on_robot_state(self, state: RobotState, now: float) -> None:
         """Take the robot agent's newest state at a time, s; one that was taken already is none."""
         if state.cycle == self._cycle:
             return

@@ -135,12 +135,12 @@ class Device:
                 if data:
                     if self._clock() >= lasts:  # one that says nothing is no success, either
                         self._failures = 0
-                    self._take(data)
+                    self._deliver(data)
         except OSError as error:
             return str(error)
         return self._broken or "closed"
 
-    def _take(self, data: bytes) -> None:
+    def _deliver(self, data: bytes) -> None:
         if self._at_once is not None and self._inbox.at_once():
             self._at_once(self._received, (data,))
         else:

@@ -193,7 +193,7 @@ class AgentHost:
         wait = settle if settle else None if wait is None else max(wait, 0.0)
         began, spent, longest = None, 0.0, 0.0
         while spent - longest < BURST_S:
-            item = self.inbox.take(wait)
+            item = self.inbox.get(wait)
             if item is None:
                 break
             began = self._clock() if began is None else began
@@ -264,7 +264,7 @@ class AgentHost:
         said = False
         while True:
             for driver in self.drivers:
-                for item in driver.take():
+                for item in driver.drain():
                     said, data = True, None
                     if len(self.drivers) > 1 and type(item) is Publish:
                         item, data = self._hand_over(driver, item)  # noqa: PLW2901

@@ -154,7 +154,7 @@ class DdsWire:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # of a reader that is slow
                 raise TransportError(f"DDS does not send {topic}: {_why(error)}") from error
 
-    def take(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> list[Frame]:
         try:
             if not self._readers:
                 time.sleep(timeout_s)
@@ -178,7 +178,7 @@ class DdsWire:
     # Who is there ---------------------------------------------------------------------------------
 
     def others(self) -> Iterable[Endpoint]:
-        self._look()
+        self._poll()
         owners = {gid: node for nodes in self._owners.values() for gid, node in nodes.items()}
         for key, (since, writes, found) in self._remote.items():
             if not found.topic_name.startswith(f"{_PREFIX}/"):
@@ -211,7 +211,7 @@ class DdsWire:
             if s.total_count and s.last_policy_id not in _NAMED
         ]
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         own = self._participant.guid
         for writes, reader in ((True, self._publications), (False, self._subscriptions)):
             for found in reader.take(BATCH):

@@ -40,7 +40,7 @@ class Hazards:
         for each in said.detections:
             self._felt[each.type] = each.header.frame_id
 
-    def take(self) -> None:
+    def collect(self) -> None:
         """A cycle has come: what was felt since the last one is what it reports."""
         felt, self._felt = self._felt, {}
         self.ahead = sum(bit for kind, bit in _AHEAD.items() if kind in felt)

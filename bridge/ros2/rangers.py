@@ -43,7 +43,7 @@ class Rangers:
             raise ValueError(f"a range of {frame!r}, which is none of the profile's: {known}")
         return frame
 
-    def hear(self, said: types.Range, stamp: float, now: float) -> None:
+    def on_range(self, said: types.Range, stamp: float, now: float) -> None:
         """Take a reading, of `stamp` (s) by the robot's clock. Raises ValueError: it is none."""
         frame, ring = self.frame_of(said), self._ring
         heard, least, most = float(said.range), float(said.min_range), float(said.max_range)
@@ -62,7 +62,7 @@ class Rangers:
         self._heard[index] = stamp, min(heard, ring.max_m)
         self._at[index] = now
 
-    def take(self, stamp: float, now: float) -> tuple[tuple[int, float], ...]:
+    def collect(self, stamp: float, now: float) -> tuple[tuple[int, float], ...]:
         """What was heard since this was last asked, at a time by either clock, s.
 
         Nothing at all while one of them is silent: what it would hear is no free way.

@@ -102,7 +102,7 @@ class ZenohWire:
         except zenoh.ZError as error:
             raise TransportError(f"Zenoh does not send {topic}: {error}") from error
 
-    def take(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> list[Frame]:
         found: list[Frame] = []
         try:
             found.append(self._samples.get(timeout_s > 0, timeout_s or None))

@@ -64,7 +64,7 @@ class Wire(Protocol):
     def publish(self, topic: str, payload: bytes) -> None:
         """Say a sample on a wanted topic; one that is not wanted goes nowhere."""
 
-    def take(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> list[Frame]:
         """Wait for samples; none after `timeout_s`."""
 
     def others(self) -> Iterable[Endpoint]:
@@ -114,7 +114,7 @@ class SampleTransport:
         """Wait for samples; they come as frames, and with them who is there, if that is news."""
         wire = self._opened()
         frames = []
-        for topic, payload in wire.take(timeout_s):
+        for topic, payload in wire.receive(timeout_s):
             if len(payload) > LARGEST:
                 self._large[topic] = len(payload)
             else:
@@ -122,7 +122,7 @@ class SampleTransport:
         now = time.monotonic()
         if self._wanted and now - self._looked_at >= LOOK_S:
             self._looked_at = now
-            seen = self._look(wire, now)
+            seen = self._poll(wire, now)
             if seen != self._seen:
                 self._seen = seen
                 frames.append(said(seen))
@@ -149,7 +149,7 @@ class SampleTransport:
             if wire is not None:
                 wire.close()
 
-    def _look(self, wire: Wire, now: float) -> Seen:
+    def _poll(self, wire: Wire, now: float) -> Seen:
         settled = now - self._wanted_at >= SETTLE_S
         at = self._address
         seen = judge(self._wanted, at.namespace, at.where, wire.others(), settled, at.lonely)

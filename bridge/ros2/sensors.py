@@ -76,7 +76,7 @@ class Sensors:
     def report(self, pose: Pose, here: Measured, stamp: float, now: float) -> Reported:
         """The report of a cycle whose odometry has this stamp (s)."""
         hazards, (volts, charging) = self._hazards, self._battery
-        hazards.take()
+        hazards.collect()
         for text in hazards.told:
             self.notices.note(text, now, COMPLAIN_S)
         return Reported(
@@ -99,7 +99,7 @@ class Sensors:
         if self._rangers is None:
             return
         try:
-            self._rangers.hear(message, stamp_of(payload), now)
+            self._rangers.on_range(message, stamp_of(payload), now)
         except ValueError as error:
             self.notices.note(f"a sonar is not heeded: {error}", now)
             raise
@@ -107,7 +107,7 @@ class Sensors:
     def _echoes(self, stamp: float, now: float) -> tuple[tuple[int, float], ...]:
         if self._rangers is None:
             return ()
-        echoes = self._rangers.take(stamp, now)
+        echoes = self._rangers.collect(stamp, now)
         self.notices.complain("the sonars are", self._rangers.wrong, now)
         return echoes
 

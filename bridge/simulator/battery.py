@@ -69,7 +69,7 @@ class Battery:
         self.charge = charge = min(charge, 1.0) if charge > 0.0 else 0.0
         self.volts = empty + span * charge - internal * amperes
 
-    def look(self, pose: Pose) -> None:
+    def charge_in(self, pose: Pose) -> None:
         """Be charged if the robot stands in one of the docks; m, m, rad."""
         if self._docks:
             self.charging = in_contact(pose, self._docks)

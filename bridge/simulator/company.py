@@ -80,9 +80,9 @@ class Company:
             walls.space.add(body, shape)
             walls.others[shape] = other
             self._there.append((other, body, NOWHERE))
-        self.look()
+        self.locate()
 
-    def look(self) -> float:
+    def locate(self) -> float:
         """Where they are now; how far any part of one has come at the most, m."""
         farthest = 0.0
         for index, (other, body, (x, y, theta)) in enumerate(self._there):

@@ -241,7 +241,7 @@ class Microcontroller(Controller):
         plant, motion = self._plant, self._motion
         x, y, theta = plant.odometry
         left, right = plant.left_m_s, plant.right_m_s
-        motion.look()
+        motion.check_motors()
         status = Status(
             x_m=x,
             y_m=y,
@@ -257,7 +257,7 @@ class Microcontroller(Controller):
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
             turning_rad_s=plant.w,
-            echoes=self._firing.take(),
+            echoes=self._firing.collect(),
             digital_out=self._digital_out,
         )
         short = Trap.SHORT in self._traps

@@ -72,7 +72,7 @@ class Motion:
                 ),
             )
 
-    def look(self) -> None:
+    def check_motors(self) -> None:
         """With each status packet: cut motors that are stalled, put cut ones on again in time.
 
         What was asked is kept, the ramps begin at rest, and the loops forget how they pushed. So

@@ -235,7 +235,7 @@ class Movement:
             if m.kind == "person"
         ]
         self._things = [Thing(m, walls) for m in moving if m.kind != "person"]
-        self._show()
+        self._place()
 
     def step(
         self, now: float, pose: tuple[float, float, float], speeds: tuple[float, float]
@@ -251,7 +251,7 @@ class Movement:
             farthest, met = max(farthest, went), met or touches
             bumped = bumped and (not touches or person.walks_into(gap))
         moved = [thing.step(now, lambda walls: self._free(walls, pose)) for thing in self._things]
-        self._show()
+        self._place()
         return 1e9 if any(moved) else farthest, met, met and bumped
 
     def walked_into(self, pose: tuple[float, float, float], speeds: tuple[float, float]) -> bool:
@@ -298,8 +298,8 @@ class Movement:
             return False
         return not any(person.stands_at(outline) for person in self._people)
 
-    def _show(self) -> None:
+    def _place(self) -> None:
         outlines = [thing.outline for thing in self._things if thing.there]
         things = [wall for outline in outlines for wall in outline]
         people = [wall for person in self._people for wall in person.outline]
-        self._walls.show(things, people, CLOTHES)
+        self._walls.place(things, people, CLOTHES)

@@ -173,7 +173,7 @@ class Plant:
     def look_around(self) -> None:
         """The others are now where they are."""
         if self._company is not None:
-            self._margin = max(0.0, self._margin - self._company.look())
+            self._margin = max(0.0, self._margin - self._company.locate())
 
     def set_pose(self, x: float, y: float, theta: float) -> None:
         """Lift the robot and put it down elsewhere, at rest; its odometry does not notice."""
@@ -263,7 +263,7 @@ class Plant:
         pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
         self.blocked = self.blocked and not steps
         moves = self._movement is not None
-        battery.look(self.pose)  # as often as the controller does anything: 40 ms at the most
+        battery.charge_in(self.pose)  # as often as the controller does anything: 40 ms at the most
         rests = False  # whether the step before changed nothing but the battery's charge
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:

@@ -63,7 +63,7 @@ class Firing:
                 self._heard[index] = self._last[index]
         self._turn += 1
 
-    def take(self) -> tuple[tuple[int, float], ...]:
+    def collect(self) -> tuple[tuple[int, float], ...]:
         """Hand over, once, the echoes: sonar index and range (m), none as the maximum."""
         heard = tuple(self._heard.items())
         self._heard.clear()

@@ -208,7 +208,7 @@ class Walls:
         static = self.space.static_body
         self.space.add(*(pymunk.Circle(static, r, (x, y)) for x, y, r in rows.tolist()))
 
-    def show(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
+    def place(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
         """What moves is now here, and answers so; who moves it sees to what it touches."""
         if things != self._doors:
             self._doors = list(things)

@@ -25,7 +25,7 @@ def watched(
         far = start - speed * at - (v * at if bearing == 0.0 else 0.0)
         others = [Ping(0.0, 0.0, 3.0 + k, None) for k in range(7)]
         echoes = [*others, Ping(AHEAD, 0.0, bearing, far)]
-        comers.hear(echoes, PING_S, (v * at, 0.0, 0.0), [mapped] * len(echoes), BODY)
+        comers.update(echoes, PING_S, (v * at, 0.0, 0.0), [mapped] * len(echoes), BODY)
     return comers
 
 
@@ -56,7 +56,7 @@ def test_nobody_is_put_inside_of_the_body() -> None:
 
 def test_an_echo_that_was_lost_in_between_tells_nothing() -> None:
     comers = Comers()
-    comers.hear([Ping(AHEAD, 0.0, 0.0, 2.0)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
-    comers.hear([Ping(AHEAD, 0.0, 0.0, None)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
-    comers.hear([Ping(AHEAD, 0.0, 0.0, 1.9)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
+    comers.update([Ping(AHEAD, 0.0, 0.0, 2.0)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
+    comers.update([Ping(AHEAD, 0.0, 0.0, None)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
+    comers.update([Ping(AHEAD, 0.0, 0.0, 1.9)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
     assert not comers.points()

@@ -33,7 +33,7 @@ def said(
 
 def known(one: FleetPose) -> KnownRobots:
     robots = KnownRobots("r1")
-    robots.hear(one, 0.0)
+    robots.update(one, 0.0)
     return robots
 
 
@@ -87,7 +87,7 @@ def test_who_is_far_or_has_said_nothing_for_long_is_not_expected() -> None:
 
 def test_one_is_not_in_ones_own_way() -> None:
     robots = KnownRobots("r2")
-    robots.hear(said(0.1), 0.0)
+    robots.update(said(0.1), 0.0)
     assert not robots.points(HERE, SURE, 0.0)
 
 

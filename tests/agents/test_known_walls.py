@@ -34,7 +34,7 @@ def at(
     pose: Pose2 | None, covariance: tuple[float, ...] = sure(0.0), wall: Segment = WALL
 ) -> KnownWalls:
     known = KnownWalls([wall])
-    known.look(pose, covariance)
+    known.on_pose(pose, covariance)
     return known
 
 
@@ -43,7 +43,7 @@ def nearest(known: KnownWalls) -> float:
 
 
 def explains(known: KnownWalls, ping: Ping) -> bool:
-    return known.hear([ping]) == [True]
+    return known.on_echoes([ping]) == [True]
 
 
 def test_nothing_is_expected_where_nobody_knows_the_pose_or_how_uncertain_it_is() -> None:
@@ -73,12 +73,12 @@ def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None
     """Stairs: no sonar hears them, and what is beyond them answers."""
     known = KnownWalls([], forbidden=[WALL])
     for _ in range(20):
-        known.look(HERE, sure(0.0))
-        known.hear([Ping(0.2, 0.0, 0.0, 3.0), Ping(0.2, 0.1, 0.2, 3.0)])
+        known.on_pose(HERE, sure(0.0))
+        known.on_echoes([Ping(0.2, 0.0, 0.0, 3.0), Ping(0.2, 0.1, 0.2, 3.0)])
     assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
     assert not explains(known, Ping(0.0, 0.0, 0.0, 1.0))
     assert not known.near(1.0, 0.0, 0.2)
-    known.look(None)
+    known.on_pose(None)
     assert not known.points()
 
 
@@ -86,14 +86,14 @@ def test_what_is_forbidden_is_expected_by_a_robot_that_is_lost_too() -> None:
     """It is mostly where its wheels say; a wall it would hear, or feel, and stairs it would not."""
     known = KnownWalls([(-1.0, -2.0, -1.0, 2.0)], forbidden=[WALL])
     for covariance, old in ((sure(2.0), False), (sure(0.01), True)):
-        known.look(HERE, covariance, old=old)
+        known.on_pose(HERE, covariance, old=old)
         assert {round(o.x) for o in known.points()} == {1}
         assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
 
 
 def test_what_a_nearer_wall_hides_is_left_out() -> None:
     known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
-    known.look((0.6, 0.0, 0.0), sure(0.0))
+    known.on_pose((0.6, 0.0, 0.0), sure(0.0))
     near = [o for o in known.points() if abs(o.y) < 0.6]
     assert near
     assert all(o.x == pytest.approx(0.4) for o in near)
@@ -122,7 +122,7 @@ def test_the_less_sure_the_pose_the_less_doubt_will_do_and_lost_there_is_nothing
     def straight_ahead(deviation: float, pings: int) -> bool:
         known = at(HERE, sure(deviation))
         for _ in range(pings):
-            known.hear(through)
+            known.on_echoes(through)
         return any(abs(o.y) < 0.1 for o in known.points())
 
     assert 1.0 - once > WallSettings().least
@@ -137,7 +137,7 @@ def test_the_less_sure_the_pose_the_less_doubt_will_do_and_lost_there_is_nothing
 def test_what_the_map_has_shut_and_a_sonar_hears_through_is_open_there_and_only_there() -> None:
     known = at(HERE)
     for _ in range(2):
-        known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
+        known.on_echoes([Ping(0.0, 0.0, 0.0, 2.5)])
     left = known.points()
     assert not any(abs(o.y) < 0.15 for o in left)
     assert any(0.2 < o.y < 0.5 for o in left)
@@ -147,7 +147,7 @@ def test_a_wall_that_does_not_answer_is_still_there() -> None:
     known = at(HERE)
     before = known.points()
     for _ in range(100):
-        known.hear([Ping(0.0, 0.0, 0.0, None)])
+        known.on_echoes([Ping(0.0, 0.0, 0.0, None)])
     assert known.points() == before
 
 
@@ -157,7 +157,7 @@ def test_a_smooth_wall_at_a_slant_throws_the_sound_elsewhere_and_is_still_there(
     known = at(pose)
     before = known.points()
     for _ in range(100):
-        known.hear([Ping(0.0, 0.0, 0.0, 4.0)])
+        known.on_echoes([Ping(0.0, 0.0, 0.0, 4.0)])
     assert known.points() == before
 
 
@@ -165,34 +165,34 @@ def test_an_echo_from_the_wall_or_about_there_is_no_doubt_and_ends_one() -> None
     known = at(HERE)
     before = known.points()
     for _ in range(2):
-        known.hear([Ping(0.0, 0.0, 0.0, 1.1)])
+        known.on_echoes([Ping(0.0, 0.0, 0.0, 1.1)])
     assert known.points() == before
     for _ in range(2):
-        known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
-    known.hear([Ping(0.0, 0.0, 0.0, 1.02)])
+        known.on_echoes([Ping(0.0, 0.0, 0.0, 2.5)])
+    known.on_echoes([Ping(0.0, 0.0, 0.0, 1.02)])
     assert known.points() == before
 
 
 def test_a_doubt_stays_with_its_place_while_the_robot_moves_and_is_forgotten_in_the_end() -> None:
     known = at(HERE)
     for _ in range(2):
-        known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
+        known.on_echoes([Ping(0.0, 0.0, 0.0, 2.5)])
     pose = (0.2, 0.1, radians(20))
-    known.look(pose, sure(0.0))
+    known.on_pose(pose, sure(0.0))
     seen = [to_world(pose, o.x, o.y) for o in known.points()]
     assert not any(abs(y) < 0.1 for _, y in seen)
     for _ in range(1000):
-        known.hear([])
-    known.look(pose, sure(0.0))
+        known.on_echoes([])
+    known.on_pose(pose, sure(0.0))
     assert any(abs(y) < 0.1 for _, y in (to_world(pose, o.x, o.y) for o in known.points()))
 
 
 def test_places_are_found_again_after_a_long_way() -> None:
     known = KnownWalls([(0.0, 1.0, 50.0, 1.0)])
     for metre in range(50):
-        known.look((float(metre), 0.0, pi / 2), sure(0.0))
+        known.on_pose((float(metre), 0.0, pi / 2), sure(0.0))
         assert nearest(known) == pytest.approx(1.0, abs=0.01)
-    known.look((60.0, 0.0, 0.0), sure(0.0))
+    known.on_pose((60.0, 0.0, 0.0), sure(0.0))
     assert not known.points()
 
 
@@ -239,7 +239,7 @@ def test_a_wall_beyond_what_is_expected_explains_an_echo_too() -> None:
 def test_what_the_sonars_heard_through_explains_nothing() -> None:
     known = at(HERE)
     for _ in range(3):
-        known.hear([Ping(0.0, 0.0, radians(bearing), 1.6) for bearing in range(-18, 19, 6)])
+        known.on_echoes([Ping(0.0, 0.0, radians(bearing), 1.6) for bearing in range(-18, 19, 6)])
     assert not explains(known, Ping(0.0, 0.0, radians(30.0), 1.0))
 
 
@@ -247,7 +247,7 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
     known = at(HERE, sure(0.1))
 
     def ahead() -> float:
-        known.look(HERE, sure(0.1))
+        known.on_pose(HERE, sure(0.1))
         return min(o.x for o in known.points() if abs(o.y) < 0.05)
 
     far = ahead()
@@ -256,7 +256,7 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
         assert ahead() == pytest.approx(heard, abs=0.02)
     assert far > 1.0
     for _ in range(HEARD_CYCLES + 1):
-        known.hear([])
+        known.on_echoes([])
     assert ahead() == pytest.approx(far)
 
 
@@ -270,10 +270,10 @@ MAY = 0.06  # m that the pose may be off
 def beyond_corner(wall: float, *heard: float) -> float:
     """How far a wall to the right is beyond the circle of the body, m, heard from so far or not."""
     known = KnownWalls([(-2.0, -wall, 2.0, -wall)])
-    known.look(HERE, sure(sqrt(2.0) * MAY))
+    known.on_pose(HERE, sure(sqrt(2.0) * MAY))
     for away in heard:
         assert explains(known, Ping(0.0, 0.0, -pi / 2, away))
-        known.look(HERE, sure(sqrt(2.0) * MAY))
+        known.on_pose(HERE, sure(sqrt(2.0) * MAY))
     return min(-o.y for o in known.points(BODY) if abs(o.x) < 0.05) - CORNER
 
 
@@ -296,10 +296,10 @@ def test_a_doors_post_that_was_heard_is_where_it_was_heard_however_near(off: flo
     post = 0.23  # to the right, by the map
     known = KnownWalls([(0.3, -post, 0.3, -1.0)])
     for _ in range(3):
-        known.look(HERE, sure(0.1))
+        known.on_pose(HERE, sure(0.1))
         away = hypot(0.3, post + off)
         assert explains(known, Ping(0.0, 0.0, atan2(-post, 0.3), away))
-    known.look(HERE, sure(0.1))
+    known.on_pose(HERE, sure(0.1))
     heard = min(hypot(o.x, o.y) for o in known.points(BODY))
     mapped = hypot(0.3, post)
     assert heard > mapped + 0.02 if off > 0.0 else heard < mapped - 0.02
@@ -312,13 +312,13 @@ def along(known: KnownWalls, turned: float = 0.0) -> None:
     """It believes that it drives along a wall 0.4 m to its left, and comes nearer to that."""
     for step in range(5):
         x = 0.1 * step
-        known.look((x, 0.0, 0.0), sure(OFF))
+        known.on_pose((x, 0.0, 0.0), sure(OFF))
         assert explains(known, Ping(0.0, 0.0, pi / 2, 0.36 - turned * x))
 
 
 def to_the_left(known: KnownWalls, least: float, most: float) -> list[Obstacle]:
     """What is expected beside where it has come to, between so far ahead."""
-    known.look((0.4, 0.0, 0.0), sure(OFF))
+    known.on_pose((0.4, 0.0, 0.0), sure(OFF))
     found = sorted(o for o in known.points() if least < o.x < most)
     assert found
     return found
@@ -336,7 +336,7 @@ def test_a_wall_goes_on_as_it_was_heard_not_as_a_turned_pose_has_it(
     for o in to_the_left(known, 0.2, 0.4):
         assert o.y == pytest.approx(min(0.36 - turned * (0.4 + o.x), FARTHEST), abs=within)
     for _ in range(LATELY_CYCLES + 1):
-        known.hear([])
+        known.on_echoes([])
     assert to_the_left(known, 0.4, 0.7)[-1].y == pytest.approx(FARTHEST)
 
 
@@ -349,7 +349,7 @@ def test_another_wall_does_not_go_on_as_this_one() -> None:
 def test_from_the_end_of_a_wall_nobody_knows_how_it_goes_on() -> None:
     """Heard at a slant, it may be longer than on the map, or nearer."""
     known = KnownWalls([(0.8, 0.4, 2.0, 0.4)])
-    known.look((0.4, 0.0, 0.0), sure(OFF))
+    known.on_pose((0.4, 0.0, 0.0), sure(OFF))
     assert explains(known, Ping(0.0, 0.0, pi / 4, 0.5))
     assert to_the_left(known, 0.7, 1.2)[0].y == pytest.approx(FARTHEST)
 
@@ -357,7 +357,7 @@ def test_from_the_end_of_a_wall_nobody_knows_how_it_goes_on() -> None:
 def beside(y: float = 0.74) -> KnownWalls:
     """A robot that drives along a smooth wall to its right, sure of where it is."""
     known = KnownWalls([(-20.0, -y, 20.0, -y)])
-    known.look(HERE, sure(0.06))
+    known.on_pose(HERE, sure(0.06))
     return known
 
 
@@ -379,7 +379,7 @@ def test_a_wall_at_a_slant_is_heard_where_it_is_square_or_nearest_in_the_beam() 
 
 def test_the_end_of_a_wall_answers_at_any_slant() -> None:
     known = KnownWalls([(1.0, -0.4, 9.0, -0.4)])
-    known.look(HERE, sure(0.06))
+    known.on_pose(HERE, sure(0.06))
     assert explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.0, 0.4)))
     assert not explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.7, 0.4)))
 
@@ -389,9 +389,9 @@ def test_somebody_who_comes_through_a_door_does_not_bring_the_posts_along() -> N
     known = KnownWalls([(1.2, -2.0, 1.2, -0.45), (1.2, 0.45, 1.2, 2.0)])
     explained = []
     for away in (1.2, 1.1, 1.0, 0.9, 0.8):
-        known.look(HERE, sure(0.05))
+        known.on_pose(HERE, sure(0.05))
         explained.append(explains(known, Ping(0.0, 0.0, radians(-10.0), away)))
     assert explained[0]
     assert not any(explained[-3:])
-    known.look(HERE, sure(0.05))
+    known.on_pose(HERE, sure(0.05))
     assert nearest(known) > 1.0

@@ -296,16 +296,16 @@ def test_what_came_of_looking_is_told_by_both_rays_beside_a_place() -> None:
     near.update(message_of(Cycle(1, 1), ranges, (-0.3, 0.1), (0.1, 5.0), HERE))
     angles = {-0.25: Look.THROUGH, -0.15: Look.NONE, 0.05: Look.NOTHING, 0.15: Look.NONE}
     for bearing, expected in angles.items():
-        assert near.look([(1.5 * cos(bearing), 1.5 * sin(bearing))]) == [expected], bearing
-    assert near.look([(2.0 * cos(-0.25), 2.0 * sin(-0.25))]) == [Look.SEEN]
-    assert near.look([(-1.0, 0.0)]) == [Look.NONE]
-    assert near.look([]) == []
+        assert near.probe([(1.5 * cos(bearing), 1.5 * sin(bearing))]) == [expected], bearing
+    assert near.probe([(2.0 * cos(-0.25), 2.0 * sin(-0.25))]) == [Look.SEEN]
+    assert near.probe([(-1.0, 0.0)]) == [Look.NONE]
+    assert near.probe([]) == []
 
 
 def test_all_round_the_last_ray_is_the_first_ones_neighbour() -> None:
     near = ScanMap()
     near.update(message_of(Cycle(1, 1), [2.0] * 360, (0.0, tau / 360), (0.1, 5.0), HERE))
-    assert near.look([(cos(-0.005), sin(-0.005))]) == [Look.THROUGH]
+    assert near.probe([(cos(-0.005), sin(-0.005))]) == [Look.THROUGH]
 
 
 def test_points_are_bounded_and_the_nearest_stay() -> None:
@@ -338,7 +338,7 @@ def test_whatever_scan_may_be_sent_is_taken(step: float, rays: int) -> None:
     near = ScanMap()
     for _ in range(2):
         near.update(Scan(Cycle(1, 1), 0, 0, 1e6, step, 30.0, bytes([232, 3]) * rays))
-        near.look([(0.5, 0.0)])
+        near.probe([(0.5, 0.0)])
     assert len(near.heard()) <= rays
 
 

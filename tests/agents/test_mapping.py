@@ -37,7 +37,7 @@ def ping(
 ) -> None:
     for _ in range(times):
         for bearing, distance in echoes:
-            mapper.take(at, Echo(0.0, 0.0, bearing, distance))
+            mapper.add(at, Echo(0.0, 0.0, bearing, distance))
 
 
 @pytest.mark.parametrize("bearing", [0.0, 1.0, pi, -2.5])

@@ -217,21 +217,21 @@ def test_one_that_repeats_what_ends_at_once_holds_nobody_up() -> None:
 class Broken(Task):
     """Raises."""
 
-    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+    def tick(self, beliefs: Beliefs, progress: Any) -> Any:
         raise ZeroDivisionError("of all things")
 
 
 class Leaves(Task):
     """Ends the program, as what was once a script does."""
 
-    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+    def tick(self, beliefs: Beliefs, progress: Any) -> Any:
         sys.exit("no camera")
 
 
 class TwoStages(Task):
     """Goes somewhere, then elsewhere."""
 
-    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+    def tick(self, beliefs: Beliefs, progress: Any) -> Any:
         if progress.state is Reach.DONE:
             return Going(Drive("B"), progress.stage + 1)
         return Going(Drive("AB"[progress.stage]), progress.stage)
@@ -283,7 +283,7 @@ def test_a_task_that_gives_no_verdict_fails_its_step(
     class Gives(Task):
         """Answers what nobody can act upon."""
 
-        def look(self, beliefs: Beliefs, progress: Any) -> Any:
+        def tick(self, beliefs: Beliefs, progress: Any) -> Any:
             return verdict
 
     failed = Drill(others(Gives)).out.failed

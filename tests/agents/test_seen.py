@@ -28,7 +28,7 @@ def looked(*distances: float | None, seen: Seen | None = None, at: Placed = HERE
     """One ping after another straight ahead, at second 0."""
     seen = seen or Seen(KNOWN)
     for distance in distances:
-        seen.take(at, ahead(distance), 0.0, 0.0)
+        seen.add(at, ahead(distance), 0.0, 0.0)
     return seen
 
 
@@ -43,7 +43,7 @@ def test_an_echo_that_a_wall_of_the_map_explains_is_nothing_new(bearing: float, 
     """Also by the edge of the cone, and as far beside it as the pose is off."""
     seen = Seen(KNOWN)
     for _ in range(10):
-        seen.take(Placed(5.0, 2.0), ahead(1.0 - off, bearing), off, 0.0)
+        seen.add(Placed(5.0, 2.0), ahead(1.0 - off, bearing), off, 0.0)
     assert seen.points(0.0) == ()
 
 
@@ -52,7 +52,7 @@ def test_what_would_stand_behind_a_wall_is_an_echo_that_went_astray() -> None:
     known = Grid([*ROOM, (3.0, 0.0, 3.0, 4.0)], (0.0, 0.0, 6.0, 4.0))
     seen = Seen(known)
     for _ in range(10):
-        seen.take(HERE, ahead(1.45), 0.0, 0.0)
+        seen.add(HERE, ahead(1.45), 0.0, 0.0)
     assert seen.points(0.0) == ()
 
 
@@ -73,7 +73,7 @@ def test_a_person_who_walks_past_is_soon_nothing_and_what_stands_there_is_rememb
 def test_a_ping_that_goes_past_it_doubts_it_and_one_beside_it_does_not() -> None:
     stood = looked(*[1.0] * 30)
     for _ in range(30):
-        stood.take(HERE, ahead(2.5, 0.5), 0.0, 0.0)
+        stood.add(HERE, ahead(2.5, 0.5), 0.0, 0.0)
     assert stood.points(0.0)
     looked(*[3.0] * 7, seen=stood)
     assert not stood.points(0.0)

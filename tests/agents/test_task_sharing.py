@@ -51,7 +51,7 @@ class Robot:
         return self.work(now)
 
     def hear(self, said: FleetClaims, now: float) -> list[FleetClaims]:
-        if self.sharing.hear(said, now):
+        if self.sharing.on_claims(said, now):
             self.sharing.turn(self.bids, now)
         return self.work(now)
 
@@ -66,7 +66,7 @@ class Robot:
             self.at = None
         if self.at is None and mine:
             self.at, self.until = mine[0], now + LOOK_S
-        said = self.sharing.take()
+        said = self.sharing.drain()
         return [] if said is None else [said]
 
 
@@ -174,7 +174,7 @@ def test_one_bad_number_moves_no_clock(number: int) -> None:
     world.run(5.0)
     sharing = world.robots["r0"].sharing
     before = sharing.clock.cycles.newest
-    sharing.hear(FleetClaims("r9", "fleet-r9", Cycle(LIST, number)), world.now)
+    sharing.on_claims(FleetClaims("r9", "fleet-r9", Cycle(LIST, number)), world.now)
     assert sharing.clock.cycles.newest == before
 
 
@@ -187,9 +187,9 @@ def test_nobody_claims_in_anothers_name_nor_what_is_no_task() -> None:
     assert cycle is not None
     forged = replace(claim, ballot=replace(claim.ballot, term=9, instance="fleet-r2"))
     others = [replace(claim, resource=name) for name in ("wheels", "task-1", "task-\u0660")]
-    sharing.hear(FleetClaims("r1", "fleet-r1", cycle, (forged, *others)), world.now)
+    sharing.on_claims(FleetClaims("r1", "fleet-r1", cycle, (forged, *others)), world.now)
     assert sharing.mine == [0]
-    sharing.hear(FleetClaims("r2", "fleet-r2", cycle, (forged,)), world.now)
+    sharing.on_claims(FleetClaims("r2", "fleet-r2", cycle, (forged,)), world.now)
     assert sharing.mine == [], "in its own name it does"
 
 

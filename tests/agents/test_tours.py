@@ -32,7 +32,7 @@ def sharing(rivals: dict[int, tuple[float, float]]) -> TaskSharing:
                   commanded=(there, finish))
             for task, (there, finish) in rivals.items()
         )  # fmt: skip
-        made.hear(FleetClaims("r2", "fleet-2", cycle, claims), now)
+        made.on_claims(FleetClaims("r2", "fleet-2", cycle, claims), now)
         made.turn(dict, now)
     return made
 

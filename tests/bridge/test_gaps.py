@@ -59,7 +59,7 @@ def test_what_the_scan_itself_has_counts_and_is_news_once() -> None:
     gaps = Gaps(load_profile("jackal"))
     scan = message_of(Cycle(1, 1), [5.0] * 8, (0.0, tau / 8), (0.1, 30.0), (0.1, 0.0, 0.0))
     before = gaps.v_max
-    assert gaps.look(scan)
-    assert not gaps.look(scan)
+    assert gaps.update(scan)
+    assert not gaps.update(scan)
     assert gaps.v_max < before
     assert gaps.told

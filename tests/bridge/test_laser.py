@@ -103,9 +103,9 @@ def test_a_wall_that_is_met_edge_on_is_seen_at_its_end() -> None:
 def test_who_moves_is_seen_and_hides_what_is_behind() -> None:
     seen, world = lasers(AROUND, [(3.0, -3.0, 3.0, 3.0)])
     assert seen.scan(AT)[0] == pytest.approx(3.0)
-    world.show([], [(1.0, -0.2, 1.0, 0.2)], CLOTHES)
+    world.place([], [(1.0, -0.2, 1.0, 0.2)], CLOTHES)
     assert seen.scan(AT)[0] == pytest.approx(1.0)
-    world.show([], [], CLOTHES)
+    world.place([], [], CLOTHES)
     world.show_robots([(2.0, -0.2, 2.0, 0.2)], CLOTHES)
     assert seen.scan(AT)[0] == pytest.approx(2.0)
 

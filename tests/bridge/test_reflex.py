@@ -28,7 +28,7 @@ def echo(distance: float | None, index: int = 3) -> Echo:
 
 def hears(*echoes: Echo, measured: tuple[float, float] = (0.0, 0.0), now: float = 0.0) -> Reflex:
     reflex = Reflex(PROFILE)
-    reflex.hear(echoes, ORIGIN, measured, now)
+    reflex.update(echoes, ORIGIN, measured, now)
     return reflex
 
 
@@ -72,7 +72,7 @@ def test_what_is_heard_aside_slows_a_turn_to_that_side_and_no_other(
     aside = sonar.y_m + 0.45 * sin(radians(sonar.bearing_deg))
     assert aside * to > PROFILE.body.width_m / 2, "straight on it is passed"
     reflex = Reflex(PROFILE)
-    reflex.hear((echo(0.45, index),), pose, (0.0, 0.0), 0.0)
+    reflex.update((echo(0.45, index),), pose, (0.0, 0.0), 0.0)
     assert reflex.cap(1.0, to * 4.0) < 0.5
     assert reflex.cap(1.0, -to * 4.0) == 1.0
 
@@ -82,7 +82,7 @@ def test_what_was_ahead_is_on_the_other_side_once_the_robot_has_turned(
     index: int, to: float
 ) -> None:
     reflex = hears(echo(0.6, index))
-    reflex.hear((), (0.0, 0.0, to * radians(50.0)), (0.0, 0.0), 0.1)
+    reflex.update((), (0.0, 0.0, to * radians(50.0)), (0.0, 0.0), 0.1)
     assert reflex.cap(1.0, -to * 3.0) < 0.6
     assert reflex.cap(1.0, to * 3.0) == 1.0
 
@@ -90,14 +90,14 @@ def test_what_was_ahead_is_on_the_other_side_once_the_robot_has_turned(
 def test_a_reading_is_moved_along_replaced_by_the_next_and_kept_no_longer_than_it_is_good() -> None:
     reflex = hears(echo(0.7))
     at_once = reflex.cap(1.6, 0.0)
-    reflex.hear((), (0.3, 0.0, 0.0), (0.0, 0.0), 0.1)
+    reflex.update((), (0.3, 0.0, 0.0), (0.0, 0.0), 0.1)
     nearer = reflex.cap(1.6, 0.0)
     assert nearer < at_once
     assert nearer == pytest.approx(hears(echo(0.4)).cap(1.6, 0.0), abs=0.02)
-    reflex.hear((echo(2.0),), (0.3, 0.0, 0.0), (0.0, 0.0), 0.2)
+    reflex.update((echo(2.0),), (0.3, 0.0, 0.0), (0.0, 0.0), 0.2)
     assert reflex.cap(1.0, 0.0) == 1.0
     old = hears(echo(0.3))
-    old.hear((), ORIGIN, (0.0, 0.0), KEPT_S + 0.01)
+    old.update((), ORIGIN, (0.0, 0.0), KEPT_S + 0.01)
     assert old.cap(1.0, 0.0) == 1.0
 
 
@@ -137,7 +137,7 @@ def test_what_is_obeyed_is_slowed_when_a_reading_comes_though_no_command_does() 
 
 def sees(*points: tuple[float, float], measured: tuple[float, float] = (0.0, 0.0)) -> Reflex:
     reflex = Reflex(PROFILE)
-    reflex.hear((), ORIGIN, measured, 0.0, np.array(points).reshape(-1, 2))
+    reflex.update((), ORIGIN, measured, 0.0, np.array(points).reshape(-1, 2))
     return reflex
 
 
@@ -157,14 +157,14 @@ def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
 def test_a_scan_counts_where_it_was_taken_until_the_next_one_or_for_a_while() -> None:
     reflex = sees((FRONT + 1.0, 0.0))
     assert reflex.cap(0.5, 0.0) == 0.5
-    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.1)
+    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.1)
     near = reflex.cap(0.5, 0.0)
     assert near < 0.3
-    reflex.hear((), (0.9, 0.0, radians(90)), (0.5, 0.0), 0.2)
+    reflex.update((), (0.9, 0.0, radians(90)), (0.5, 0.0), 0.2)
     assert reflex.cap(0.5, 0.0) == 0.5, "it has turned away"
-    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), KEPT_S + 0.01)
+    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), KEPT_S + 0.01)
     assert reflex.cap(0.5, 0.0) == 0.5, "too old"
-    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.7, np.array([(FRONT + 0.05, 0.0)]))
+    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.7, np.array([(FRONT + 0.05, 0.0)]))
     assert reflex.cap(0.5, 0.0) < near
-    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.8, np.empty((0, 2)))
+    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.8, np.empty((0, 2)))
     assert reflex.cap(0.5, 0.0) == 0.5, "the next one has nothing"

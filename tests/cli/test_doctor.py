@@ -97,7 +97,7 @@ def test_what_its_battery_and_its_line_are_like_is_said() -> None:
 )
 def test_why_the_robot_stands_is_said(changed: dict[str, Any], verdict: str, says: str) -> None:
     view = View()
-    view.take("robot/state", replace(WELL, **changed), 0.0)
+    view.update("robot/state", replace(WELL, **changed), 0.0)
     found = doctor.stands(standing(view, 0.1))
     assert (found.subject, found.verdict) == ("standing", verdict)
     assert says in found.what
@@ -109,7 +109,7 @@ def test_why_the_robot_stands_is_said(changed: dict[str, Any], verdict: str, say
 def test_top_says_why_the_robot_stands() -> None:
     view = View()
     stop = Stop(1, stopped=True, by="anna")
-    view.take("robot/state", replace(WELL, stop=stop), 0.0)
+    view.update("robot/state", replace(WELL, stop=stop), 0.0)
     snapshot = top.Snapshots(view, "robot1").at(0.1)
     assert snapshot["standing"]["cause"]["who"] == "anna"
     console = Console(width=120)

@@ -78,9 +78,9 @@ def test_the_progress_line_keeps_its_scenario_and_a_bar_in_a_narrow_terminal() -
 
 def test_the_progress_line_gives_no_distance_to_no_goal() -> None:
     watch = RunWatch("sc1", None)
-    watch.show(MissionStatus(0, MissionState.NONE, 0.0), 0.0)
+    watch.update(MissionStatus(0, MissionState.NONE, 0.0), 0.0)
     assert remark(watch).startswith("no goal, ")
-    watch.show(MissionStatus(1, MissionState.DRIVING, 2.0), 0.1)
+    watch.update(MissionStatus(1, MissionState.DRIVING, 2.0), 0.1)
     assert remark(watch).startswith("2.00 m to go, ")
 
 

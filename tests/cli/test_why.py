@@ -166,7 +166,7 @@ def test_a_recording_of_another_protocol_or_of_several_robots_is_refused(
     both = tmp_path / "both.mcap"
     kept = Recording(both)
     for name in ("robot1", "robot2"):
-        kept.take(Presence(name, "goto", f"goto-{name}", True, 10**9))
+        kept.add(Presence(name, "goto", f"goto-{name}", True, 10**9))
     kept.close()
     code, said = ask(path=both)
     assert code == 2
@@ -183,7 +183,7 @@ def test_a_gap_is_not_blamed_on_the_robot(recording: Path, ask: Ask, tmp_path: P
         message = row.message
         asked = isinstance(message, Card | BidHistory)
         if not isinstance(message, BidRecord):
-            kept.take(Heard(row.namespace, row.key, encode(message), row.t, asked))
+            kept.add(Heard(row.namespace, row.key, encode(message), row.t, asked))
     kept.close()
     found = ask("--standing", "--at", "9.0", path=gap)
     assert (found["cause"]["sort"], found["cause"]["who"]) == ("unknown", "")

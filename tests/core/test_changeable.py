@@ -69,7 +69,7 @@ def toy(given: Parameters | None = None) -> tuple[Toy, Driver]:
     agent = Toy(Identity("toy-1"), given)
     driver = Driver(agent, 0.0, admit=False)
     driver.begin(0.0)
-    driver.take()
+    driver.drain()
     return agent, driver
 
 
@@ -77,7 +77,7 @@ def ask(driver: Driver, *change: tuple[str, str]) -> tuple[ParametersReply, list
     """The reply, and what is published with it."""
     request = ParametersRequest(tuple(Setting(*each) for each in change), "ann")
     driver.asked(KEY, encode(request), "call", 1.0)
-    said = driver.take()
+    said = driver.drain()
     (reply,) = (item for item in said if isinstance(item, Reply))
     assert (reply.call, reply.key) == ("call", KEY)
     assert isinstance(reply.message, ParametersReply)
@@ -179,7 +179,7 @@ def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) ->
 def hear(driver: Driver, said: Tuning) -> list[Any]:
     (to,) = (to for to in driver.agent.subscriptions() if to.message is Tuning)
     driver.deliver(to, to.pattern, encode(said), 2.0)
-    return driver.take()
+    return driver.drain()
 
 
 def test_what_was_set_is_remembered_by_everybody_beside_what_was_of_others() -> None:
@@ -198,11 +198,11 @@ def test_who_is_started_again_is_set_as_it_was() -> None:
         driver = Driver(agent, 0.0, admit=False)
         if joined:
             driver.begin(0.0)
-            driver.take()
+            driver.drain()
         said = hear(driver, remembered(("toy", "v_max", "0.25"), ("other", "v_max", "3.0")))
         if not joined:
             driver.begin(0.0)
-            said = driver.take()
+            said = driver.drain()
         assert agent.p == Parameters(v_max=0.25)
         changes = [i.message for i in said if isinstance(getattr(i, "message", None), Log)]
         assert [line.text for line in changes] == [
@@ -230,7 +230,7 @@ def test_whoever_is_left_out_is_added_again_and_that_ends() -> None:
         key = f"agent/{name}/{name}-1/parameters"
         request = ParametersRequest((Setting("v_max", "0.25"),), "ann")
         driver.asked(key, encode(request), "call", 1.0)
-        said[name] = tunings(driver.take())
+        said[name] = tunings(driver.drain())
     talk = [*said["one"], *said["two"]]
     for _ in range(10):
         if not talk:
@@ -252,7 +252,7 @@ def toy_named(called: str) -> tuple[Toy, Driver]:
     agent = Named(Identity(f"{called}-1"))
     driver = Driver(agent, 0.0, admit=False)
     driver.begin(0.0)
-    driver.take()
+    driver.drain()
     return agent, driver
 
 
@@ -270,10 +270,10 @@ def test_a_request_that_cannot_be_read_changes_nothing_and_ends_nobody() -> None
     agent, driver = toy()
     for payload in (b"", b"\xff", b"\x82\x81\x81\x61x\x60"):
         driver.asked(KEY, payload, "call", 1.0)
-    assert not [item for item in driver.take() if isinstance(item, Reply)]
+    assert not [item for item in driver.drain() if isinstance(item, Reply)]
     assert agent.p == Parameters()
     driver.asked(KEY, b"\x80", "call", 1.0)  # an empty question is one for all that there are
-    assert [item for item in driver.take() if isinstance(item, Reply)]
+    assert [item for item in driver.drain() if isinstance(item, Reply)]
 
 
 @pytest.mark.parametrize("names", [{"v_mx": ""}, {"name": ""}, {"table": ""}])

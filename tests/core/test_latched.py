@@ -36,7 +36,7 @@ def memory() -> Memory:
 def knowing(*known: Latched) -> Memory:
     memory = Memory(random.Random(1))
     for message in known:
-        memory.hear(message, 0.0)
+        memory.update(message, 0.0)
     return memory
 
 
@@ -53,7 +53,7 @@ def given_back(memory: Memory, now: float = 0.0) -> list[Latched]:
 @pytest.mark.parametrize("counter", [0, 1, 5, 6, 7, LARGEST_COUNT])
 def test_a_stop_latches_whatever_its_counter(counter: int) -> None:
     memory = knowing(Stop(6, False, "a", 1))
-    assert memory.hear(Stop(counter, True, "b", 2), 1.0)
+    assert memory.update(Stop(counter, True, "b", 2), 1.0)
     known = memory.newest(Stop)
     assert known is not None
     assert known.stopped
@@ -64,59 +64,59 @@ def test_a_stop_latches_whatever_its_counter(counter: int) -> None:
 def test_a_release_needs_a_larger_counter() -> None:
     memory = knowing(Stop(6, True, "a", 1))
     for counter in (0, 5, 6):
-        assert not memory.hear(Stop(counter, False, "b", 1), 1.0)
-    assert memory.hear(Stop(7, False, "b", 1), 1.0)
+        assert not memory.update(Stop(counter, False, "b", 1), 1.0)
+    assert memory.update(Stop(7, False, "b", 1), 1.0)
 
 
 def test_a_late_copy_of_a_stop_that_was_released_does_not_stop_again() -> None:
     stop, release = Stop(6, True, "a", 1), Stop(7, False, "a", 1)
     memory = knowing(stop, release)
     for _ in range(3):
-        assert not memory.hear(stop, 1.0)
+        assert not memory.update(stop, 1.0)
         assert memory.newest(Stop) == release
     assert given_back(memory, 1.0) == [release], "and its publisher is told"
 
 
 def test_who_saw_the_release_alone_knows_the_stop_that_it_releases() -> None:
     memory = knowing(Stop(7, False, "a", 1))
-    assert not memory.hear(Stop(6, True, "a", 1), 1.0)
+    assert not memory.update(Stop(6, True, "a", 1), 1.0)
 
 
 def test_who_presses_again_stops_again() -> None:
     memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1))
-    assert memory.hear(Stop(6, True, "a", 2), 1.0)
+    assert memory.update(Stop(6, True, "a", 2), 1.0)
     assert memory.newest(Stop) == Stop(8, True, "a", 2)
 
 
 @pytest.mark.parametrize("counter", [3, 7], ids=["who knows nothing", "who has heard"])
 def test_a_release_of_an_older_stop_ends_none_that_was_pressed_since(counter: int) -> None:
     memory = knowing(Stop(6, True, "a", 1))
-    assert not memory.hear(Stop(counter, True, "b", 2), 1.0), "no news: it is stopped"
-    assert not memory.hear(Stop(9, False, "c", 1), 1.0), "of a society that counted apart"
+    assert not memory.update(Stop(counter, True, "b", 2), 1.0), "no news: it is stopped"
+    assert not memory.update(Stop(9, False, "c", 1), 1.0), "of a society that counted apart"
     stands = Stop(10, True, "b", 2)
     assert memory.newest(Stop) == stands
     assert given_back(memory, 1.0) == [stands], "and who released it is told"
-    assert memory.hear(Stop(11, False, "c", 2), 2.0)
+    assert memory.update(Stop(11, False, "c", 2), 2.0)
 
 
 def test_a_release_of_a_stop_that_was_not_heard_is_of_a_newer_one() -> None:
     memory = knowing(Stop(6, True, "a", 1))
-    assert memory.hear(Stop(9, False, "c", 2), 1.0)
+    assert memory.update(Stop(9, False, "c", 2), 1.0)
 
 
 def test_a_stop_with_a_huge_counter_stops_and_can_be_released() -> None:
     memory = knowing(Stop(6, False, "a", 1))
-    assert memory.hear(Stop(LARGEST_COUNT, True, "forger", 2), 1.0)
+    assert memory.update(Stop(LARGEST_COUNT, True, "forger", 2), 1.0)
     known = memory.newest(Stop)
     assert known is not None
     release = Stop(known.counter + 1, False, "b", known.press)
     assert decode(encode(release), Stop) == release, "there is a larger counter"
-    assert memory.hear(release, 2.0)
+    assert memory.update(release, 2.0)
 
 
 def test_a_release_with_a_huge_counter_is_refused() -> None:
     memory = knowing(Stop(6, True, "a", 1))
-    assert not memory.hear(Stop(6 + JUMP + 1, False, "forger", 1), 1.0)
+    assert not memory.update(Stop(6 + JUMP + 1, False, "forger", 1), 1.0)
     assert memory.refused == 1
     assert memory.newest(Stop) == Stop(6, True, "a", 1)
 
@@ -124,7 +124,7 @@ def test_a_release_with_a_huge_counter_is_refused() -> None:
 def test_a_stop_at_the_largest_counter_of_all_still_stops() -> None:
     memory = Memory(random.Random(1))
     memory.note(Stop(LARGEST_COUNT, False, "a", 1))
-    assert memory.hear(Stop(1, True, "b", 2), 1.0)
+    assert memory.update(Stop(1, True, "b", 2), 1.0)
     known = memory.newest(Stop)
     assert known is not None
     assert known.stopped
@@ -133,23 +133,23 @@ def test_a_stop_at_the_largest_counter_of_all_still_stops() -> None:
 @pytest.mark.parametrize("press", [1, 9], ids=["known", "unknown"])
 def test_a_release_with_a_huge_counter_changes_nothing_where_nothing_is_stopped(press: int) -> None:
     memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1))
-    assert not memory.hear(Stop(7 + JUMP + 1, False, "forger", press), 1.0)
+    assert not memory.update(Stop(7 + JUMP + 1, False, "forger", press), 1.0)
     assert memory.newest(Stop) == Stop(7, False, "a", 1)
 
 
 def test_a_late_copy_of_a_stop_with_a_huge_counter_does_not_stop_again() -> None:
     huge = Stop(LARGEST_COUNT, True, "forger", 2)
     memory = knowing(Stop(6, False, "a", 1), huge, Stop(8, False, "b", 2))
-    assert not memory.hear(huge, 1.0)
+    assert not memory.update(huge, 1.0)
     assert memory.newest(Stop) == Stop(8, False, "b", 2)
 
 
 def test_a_jump_is_the_largest_step_that_is_believed() -> None:
     memory = knowing(Stop(6, False, "a", 1))
     stop, release = Stop(6 + JUMP, True, "b", 2), Stop(6 + 2 * JUMP, False, "b", 2)
-    assert memory.hear(stop, 1.0)
+    assert memory.update(stop, 1.0)
     assert memory.newest(Stop) == stop
-    assert memory.hear(release, 1.0)
+    assert memory.update(release, 1.0)
     assert memory.newest(Stop) == release
     assert memory.refused == 0
 
@@ -157,24 +157,24 @@ def test_a_jump_is_the_largest_step_that_is_believed() -> None:
 @pytest.mark.parametrize("counter", [4, 6])
 def test_a_release_that_counts_no_further_does_not_make_its_stop_an_old_one(counter: int) -> None:
     memory = knowing(Stop(6, False, "a", 1))
-    assert not memory.hear(Stop(counter, False, "b", 2), 1.0)
-    assert memory.hear(Stop(3, True, "b", 2), 1.0)
+    assert not memory.update(Stop(counter, False, "b", 2), 1.0)
+    assert memory.update(Stop(3, True, "b", 2), 1.0)
 
 
 def test_who_released_a_stop_itself_knows_a_late_copy_of_it(memory: Memory) -> None:
     memory.note(Stop(7, False, "a", 1))
-    assert not memory.hear(Stop(6, True, "a", 1), 1.0)
+    assert not memory.update(Stop(6, True, "a", 1), 1.0)
 
 
 @given(st.integers(0, 5), st.integers(PRESSES + 1, 3 * PRESSES))
 def test_however_many_stops_there_were_the_last_release_stands(counter: int, presses: int) -> None:
     memory = Memory(random.Random(1))
     for press in range(presses):
-        memory.hear(Stop(counter + 2 * press, True, "a", press), 0.0)
-        memory.hear(Stop(counter + 2 * press + 1, False, "a", press), 0.0)
+        memory.update(Stop(counter + 2 * press, True, "a", press), 0.0)
+        memory.update(Stop(counter + 2 * press + 1, False, "a", press), 0.0)
     last = memory.newest(Stop)
     for press in range(presses - PRESSES, presses):
-        assert not memory.hear(Stop(counter + 2 * press, True, "a", press), 1.0)
+        assert not memory.update(Stop(counter + 2 * press, True, "a", press), 1.0)
     assert memory.newest(Stop) == last
 
 
@@ -185,15 +185,15 @@ def test_an_older_one_is_answered_with_the_newer_once() -> None:
     newer = Trajectory(4, 1, GOAL)
     memory = knowing(newer)
     for _ in range(5):
-        assert not memory.hear(Trajectory(3, 9, ()), 1.0)
+        assert not memory.update(Trajectory(3, 9, ()), 1.0)
     assert given_back(memory, 1.0) == [newer]
 
 
 def test_nobody_gives_back_what_somebody_else_was_faster_with() -> None:
     newer = Trajectory(4, 1, GOAL)
     memory = knowing(newer)
-    memory.hear(Trajectory(3, 9, ()), 1.0)
-    memory.hear(newer, 1.001)
+    memory.update(Trajectory(3, 9, ()), 1.0)
+    memory.update(newer, 1.001)
     assert memory.due(2.0) == []
 
 
@@ -201,7 +201,7 @@ def test_nor_what_it_has_published_itself_or_heard_of_a_stop() -> None:
     memory = knowing(Trajectory(4, 1, GOAL), Stop(7, False, "a", 1))
     memory.met(1.0)
     memory.note(Trajectory(5, 1, GOAL))
-    memory.hear(Stop(7, False, "a", 1), 1.0)
+    memory.update(Stop(7, False, "a", 1), 1.0)
     assert memory.wakeup == 1.0 + AGAIN_S[0]
     assert memory.due(1.0 + GIVE_BACK_S) == []
 
@@ -220,28 +220,28 @@ def test_each_time_by_the_fastest_alone() -> None:
     memory = knowing(mission := Trajectory(4, 1, GOAL))
     memory.met(1.0)
     again = 1.0 + AGAIN_S[0]
-    memory.hear(mission, 1.0)
+    memory.update(mission, 1.0)
     assert memory.due(again) in ([], [mission]), "what was heard before is not what is due now"
-    memory.hear(mission, again)
+    memory.update(mission, again)
     assert memory.due(again + GIVE_BACK_S) == []
 
 
 def test_news_is_to_be_acted_upon_and_what_is_older_is_none(memory: Memory) -> None:
-    assert memory.hear(Trajectory(4, 1, GOAL), 0.0)
-    assert memory.hear(Trajectory(4, 2, GOAL), 0.0)
-    assert not memory.hear(Trajectory(4, 1, GOAL), 0.0)
+    assert memory.update(Trajectory(4, 1, GOAL), 0.0)
+    assert memory.update(Trajectory(4, 2, GOAL), 0.0)
+    assert not memory.update(Trajectory(4, 1, GOAL), 0.0)
 
 
 def test_a_jump_is_measured_by_the_counter_alone(memory: Memory) -> None:
-    assert memory.hear(Trajectory(JUMP, 3 * JUMP, GOAL), 0.0)
-    assert not memory.hear(Trajectory(2 * JUMP + 1, 1, GOAL), 0.0)
-    assert memory.hear(Trajectory(2 * JUMP, 1, GOAL), 0.0)
+    assert memory.update(Trajectory(JUMP, 3 * JUMP, GOAL), 0.0)
+    assert not memory.update(Trajectory(2 * JUMP + 1, 1, GOAL), 0.0)
+    assert memory.update(Trajectory(2 * JUMP, 1, GOAL), 0.0)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
     memory = Memory(random.Random(seed))
-    memory.hear(Trajectory(4, 1, GOAL), 0.0)
+    memory.update(Trajectory(4, 1, GOAL), 0.0)
     memory.met(5.0)
     due = memory.wakeup
     assert due is not None
@@ -259,10 +259,10 @@ def test_what_counts_from_zero_is_given_too(stopped: bool) -> None:
 
 
 def test_that_nobody_ever_stopped_is_nothing_to_remember(memory: Memory) -> None:
-    assert not memory.hear(Stop(), 0.0)
+    assert not memory.update(Stop(), 0.0)
     assert memory.all() == []
-    memory.hear(Stop(7, False, "a", 1), 1.0)
-    assert not memory.hear(Stop(), 1.0)
+    memory.update(Stop(7, False, "a", 1), 1.0)
+    assert not memory.update(Stop(), 1.0)
     assert given_back(memory, 1.0) == [Stop(7, False, "a", 1)], "but who says so is told"
 
 
@@ -298,7 +298,7 @@ FAR = [JUMP + 7, 3 * JUMP, LARGEST_COUNT // 2]
 def test_who_knows_nothing_believes_whatever_it_is_given(
     memory: Memory, made: Callable[[int], Latched], counter: int
 ) -> None:
-    assert memory.hear(made(counter), 0.0)
+    assert memory.update(made(counter), 0.0)
     assert memory.all() == [made(counter)]
     assert memory.refused == 0
 
@@ -307,7 +307,7 @@ def test_who_knows_nothing_believes_whatever_it_is_given(
 def test_one_that_is_far_beyond_what_is_known_is_refused_and_answered(far: int) -> None:
     memory = knowing(mission(6))
     for _ in range(3):
-        assert not memory.hear(mission(far), 1.0), "copies of one are one"
+        assert not memory.update(mission(far), 1.0), "copies of one are one"
     assert memory.newest(Trajectory) == mission(6)
     assert given_back(memory, 1.0) == [mission(6)]
 
@@ -318,27 +318,27 @@ def test_who_says_it_again_though_answered_remembers_it_and_is_believed(
     far: int, said: str
 ) -> None:
     memory = knowing(mission(6))
-    memory.hear(mission(far), 1.0)
+    memory.update(mission(far), 1.0)
     if said == "given back":
         assert given_back(memory, 1.0)
     elif said == "by another":
-        memory.hear(mission(6), 1.05)
+        memory.update(mission(6), 1.05)
     else:
         memory.note(mission(7))
-    assert memory.hear(mission(far + 1), 1.2)
+    assert memory.update(mission(far + 1), 1.2)
     assert memory.newest(Trajectory) == mission(far + 1)
-    memory.hear(mission(6), 1.3)
+    memory.update(mission(6), 1.3)
     assert given_back(memory, 1.3) == [mission(far + 1)]
-    assert not memory.hear(mission(min(2 * far + JUMP + 9, LARGEST_COUNT - JUMP)), 1.35)
+    assert not memory.update(mission(min(2 * far + JUMP + 9, LARGEST_COUNT - JUMP)), 1.35)
 
 
 def test_what_is_said_again_much_later_or_otherwise_is_another_stray() -> None:
     memory = knowing(mission(6))
     for at in range(5):
-        assert not memory.hear(mission(FAR[0]), 3.0 * at)
+        assert not memory.update(mission(FAR[0]), 3.0 * at)
         assert given_back(memory, 3.0 * at)
     for step, far in enumerate((3 * JUMP, 5 * JUMP, 9 * JUMP)):
-        assert not memory.hear(mission(far), 20.0 + step / 4)
+        assert not memory.update(mission(far), 20.0 + step / 4)
         assert given_back(memory, 20.0 + step / 4)
     assert memory.refused == 8
 
@@ -348,31 +348,31 @@ def test_what_is_said_again_much_later_or_otherwise_is_another_stray() -> None:
 def test_a_newcomer_that_hears_a_stray_first_is_put_right(
     memory: Memory, far: int, within: float
 ) -> None:
-    memory.hear(origin(far), 5.0)
+    memory.update(origin(far), 5.0)
     memory.met(5.0)
     assert memory.due(5.0 + 0.99 * DOUBT_S) == [], "what is in doubt is not handed on"
-    assert memory.hear(origin(6), 5.0 + within)
+    assert memory.update(origin(6), 5.0 + within)
     assert memory.newest(Origin) == origin(6)
-    assert not memory.hear(origin(far), 5.0 + within)
+    assert not memory.update(origin(far), 5.0 + within)
 
 
 @pytest.mark.parametrize("how", ["in time", "counted on", "older by one", "published"])
 def test_what_nobody_contradicts_is_in_doubt_no_longer(memory: Memory, how: str) -> None:
     far = FAR[1]
-    memory.hear(origin(far), 5.0)
+    memory.update(origin(far), 5.0)
     now = 5.1
     if how == "in time":
         now = 5.0 + DOUBT_S
     elif how == "published":
         memory.note(origin(far))
     else:
-        memory.hear(origin(far + (1 if how == "counted on" else -1)), 5.1)
-    assert not memory.hear(origin(6), now)
+        memory.update(origin(far + (1 if how == "counted on" else -1)), 5.1)
+    assert not memory.update(origin(6), now)
     assert given_back(memory, now)
 
 
 def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> None:
-    memory.hear(origin(FAR[0]), 5.0)
+    memory.update(origin(FAR[0]), 5.0)
     memory.met(5.2)
     assert memory.due(5.0 + 0.99 * DOUBT_S) == []
     assert memory.due(5.0 + DOUBT_S + GIVE_BACK_S) == [origin(FAR[0])]
@@ -380,47 +380,47 @@ def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> N
 
 @pytest.mark.parametrize("far", FAR)
 def test_a_stop_that_is_in_doubt_is_not_released_by_what_is_apart(memory: Memory, far: int) -> None:
-    assert memory.hear(Stop(far, True, "a", 5), 5.0)
-    assert not memory.hear(Stop(6, False, "b", 4), 5.1)
+    assert memory.update(Stop(far, True, "a", 5), 5.0)
+    assert not memory.update(Stop(6, False, "b", 4), 5.1)
     assert memory.newest(Stop) == Stop(far, True, "a", 5)
-    assert not memory.hear(Stop(6, True, "b", 6), 5.2), "no news: it is stopped"
-    assert memory.hear(Stop(7, False, "b", 6), 5.3), "and counts as the others do"
+    assert not memory.update(Stop(6, True, "b", 6), 5.2), "no news: it is stopped"
+    assert memory.update(Stop(7, False, "b", 6), 5.3), "and counts as the others do"
 
 
 @pytest.mark.parametrize("far", FAR)
 def test_a_release_that_is_in_doubt_yields_to_the_stop_that_others_know(
     memory: Memory, far: int
 ) -> None:
-    memory.hear(Stop(far, False, "forger", 5), 5.0)
-    assert memory.hear(Stop(6, True, "b", 5), 5.1)
+    memory.update(Stop(far, False, "forger", 5), 5.0)
+    assert memory.update(Stop(6, True, "b", 5), 5.1)
     assert memory.newest(Stop) == Stop(6, True, "b", 5)
 
 
 def test_a_stop_far_beyond_that_others_insist_on_is_counted_as_they_do() -> None:
     memory = knowing(Stop(6, False, "a", 1))
     far = Stop(FAR[1], True, "b", 2)
-    assert memory.hear(far, 1.0)
+    assert memory.update(far, 1.0)
     counted = Stop(7, True, "b", 2)
     assert memory.newest(Stop) == counted
     assert given_back(memory, 1.0) == [counted], "they are told"
-    assert not memory.hear(far, 1.2), "no news: it is stopped"
+    assert not memory.update(far, 1.2), "no news: it is stopped"
     assert memory.newest(Stop) == far
-    assert memory.hear(Stop(FAR[1] + 1, False, "b", 2), 1.3)
+    assert memory.update(Stop(FAR[1] + 1, False, "b", 2), 1.3)
 
 
 def test_a_release_far_beyond_does_not_make_its_stop_an_old_one() -> None:
     memory = knowing(Stop(6, False, "a", 1))
-    assert not memory.hear(Stop(FAR[0] + 6, False, "forger", 2), 1.0)
-    assert memory.hear(Stop(7, True, "b", 2), 1.1)
+    assert not memory.update(Stop(FAR[0] + 6, False, "forger", 2), 1.0)
+    assert memory.update(Stop(7, True, "b", 2), 1.1)
 
 
 @pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, False, "a", 5)])
 def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) -> None:
     memory = knowing(made(LARGEST_COUNT))
     assert next_count(LARGEST_COUNT) == 0
-    memory.hear(made(0), 1.0)
+    memory.update(made(0), 1.0)
     assert memory.newest(type(made(0))) == made(0)
-    memory.hear(made(LARGEST_COUNT), 1.0)
+    memory.update(made(LARGEST_COUNT), 1.0)
     assert memory.newest(type(made(0))) == made(0)
     assert given_back(memory, 1.0) == [made(0)]
 
@@ -429,12 +429,12 @@ def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) ->
 def test_there_is_a_release_for_every_stop_and_a_stop_after_it(known: int) -> None:
     memory = knowing(Stop(known, False, "a", 1))
     for press in range(2, 6):
-        assert memory.hear(Stop(3, True, "b", press), 1.0)
+        assert memory.update(Stop(3, True, "b", press), 1.0)
         stop = memory.newest(Stop)
         assert stop is not None
         release = Stop(next_count(stop.counter), False, "c", press)
         assert decode(encode(release), Stop) == release
-        assert memory.hear(release, 1.0)
+        assert memory.update(release, 1.0)
 
 
 @given(st.integers(0, LARGEST_COUNT), st.integers(0, LARGEST_COUNT))
@@ -475,7 +475,7 @@ class Society(RuleBasedStateMachine):
         """A guest's stop reaches somebody first; it knows little of how far others have counted."""
         self.press += 1
         stop = Stop(far, True, "guest", self.press)
-        self.peers[who].hear(stop, self.now)
+        self.peers[who].update(stop, self.now)
         known = self.peers[who].newest(Stop)
         assert known is not None
         assert known.stopped, "a stop was not obeyed"
@@ -486,7 +486,7 @@ class Society(RuleBasedStateMachine):
         known = self.peers[who].newest(Stop)
         if known is not None and known.stopped:
             release = Stop(known.counter + 1, False, "guest", known.press)
-            assert self.peers[who].hear(release, self.now), "a stop could not be released"
+            assert self.peers[who].update(release, self.now), "a stop could not be released"
             self.say(who, release)
 
     @rule(who=st.integers(0, PEERS - 1), ends=st.booleans())
@@ -517,7 +517,7 @@ class Society(RuleBasedStateMachine):
     def hear(self, to: int, message: Latched) -> None:
         memory = self.peers[to]
         before = memory.newest(Stop) or Stop()
-        memory.hear(message, self.now)
+        memory.update(message, self.now)
         after = memory.newest(Stop) or Stop()
         if isinstance(message, Stop) and not message.stopped:
             assert after.stopped <= before.stopped
@@ -560,7 +560,7 @@ class Society(RuleBasedStateMachine):
                 for message in memory.due(self.now):
                     for other in self.peers:
                         if other is not memory:
-                            other.hear(message, self.now)
+                            other.update(message, self.now)
         for kind in (Stop, Trajectory):
             nothing = Stop() if kind is Stop else None
             known = {memory.newest(kind) or nothing for memory in self.peers}
@@ -592,7 +592,7 @@ class Strays(RuleBasedStateMachine):
     def say(self, message: Latched, source: int | None = None) -> None:
         for number, memory in enumerate(self.peers):
             if number != source:
-                memory.hear(message, self.now)
+                memory.update(message, self.now)
 
     def pass_time(self, seconds: float) -> None:
         """What is due is said in the order of its draws, each a moment later at the others."""
@@ -706,9 +706,9 @@ def everybody(hear: Callable[[Memory, Latched], bool], *said: Latched) -> set[La
 
 def test_in_whatever_order_and_however_often_all_come_to_one_trajectory() -> None:
     said = [Trajectory(n // 2, n, GOAL) for n in range(6)]
-    assert everybody(lambda memory, message: memory.hear(message, 0.0), *said) == {said[-1]}
+    assert everybody(lambda memory, message: memory.update(message, 0.0), *said) == {said[-1]}
 
 
 def test_in_whatever_order_and_however_often_a_stop_and_its_release_come_to_the_release() -> None:
     said = [Stop(6, True, "a", 1), Stop(7, False, "b", 1)]
-    assert everybody(lambda memory, message: memory.hear(message, 0.0), *said) == {said[-1]}
+    assert everybody(lambda memory, message: memory.update(message, 0.0), *said) == {said[-1]}

@@ -15,7 +15,7 @@ LIMIT = 4
 
 def drain(mailbox: Mailbox[int]) -> list[int]:
     taken = []
-    while (found := mailbox.take()) is not None:
+    while (found := mailbox.get()) is not None:
         taken.append(found)
     return taken
 
@@ -126,7 +126,7 @@ def test_it_does_what_the_model_does(steps: list[str]) -> None:
     mailbox, model = Mailbox[int](), Model()
     for value, step in enumerate(steps):
         if step == "take":
-            assert mailbox.take() == model.take()
+            assert mailbox.get() == model.take()
         else:
             keep = 1 if step in "ab" else LIMIT
             mailbox.put(step, value, keep)

@@ -44,7 +44,7 @@ def settle(admission: Admission, now: float, until: float = 60.0) -> float:
     """Ask and look whenever it wants to; nobody answers. Returns when it did so last."""
     while True:
         admission.questions(now)
-        if admission.look(now) not in (Stage.LOOKING, Stage.CLAIMING) or now >= until:
+        if admission.check(now) not in (Stage.LOOKING, Stage.CLAIMING) or now >= until:
             return now
         due = admission.wakeup
         assert due is not None
@@ -77,7 +77,7 @@ def test_who_still_waits_for_something_is_not_woken_again_at_once(alone: bool) -
     admission.appeared("avoid", "avoid-2", 0.002)
     assert admission.questions(0.002)
     settled = 0.002 + QUIET_S
-    assert admission.look(settled) is Stage.LOOKING, "a card may still come"
+    assert admission.check(settled) is Stage.LOOKING, "a card may still come"
     assert admission.wakeup == pytest.approx(0.002 + CARD_S)
 
 
@@ -87,7 +87,7 @@ def test_however_many_come_and_go_it_waits_no_longer() -> None:
         at = 0.01 * number
         admission.appeared("avoid", f"avoid-{number}", at)
         admission.disappeared(f"avoid-{number}", at)
-        if admission.look(at) is Stage.JOINED:
+        if admission.check(at) is Stage.JOINED:
             break
     assert at == pytest.approx(RESTLESS_S, abs=0.011)
 
@@ -99,7 +99,7 @@ def test_one_that_hangs_is_not_waited_for_and_asked_again_later() -> None:
     assert settle(admission, 0.0) == pytest.approx(CARD_S)
     admission.answered("avoid-2", None, CARD_S)
     assert admission.questions(CARD_S) == []
-    assert admission.look(CARD_S + GRACE_S) is Stage.JOINED
+    assert admission.check(CARD_S + GRACE_S) is Stage.JOINED
     due = admission.wakeup
     assert due is not None
     assert admission.questions(due) == [("avoid", "avoid-2")]
@@ -134,20 +134,20 @@ def test_if_it_hears_of_them_a_little_later_it_leaves_again() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     joined = settle(admission, 0.0)
     meet(admission, "avoid-2", joined + 1.0)
-    assert admission.look(joined + 1.0) is Stage.JOINED, "an owner may speak for it yet"
+    assert admission.check(joined + 1.0) is Stage.JOINED, "an owner may speak for it yet"
     due = admission.wakeup
     assert due is not None
     assert due == pytest.approx(joined + GRACE_S)
-    assert admission.look(due) is Stage.REFUSED
+    assert admission.check(due) is Stage.REFUSED
 
 
 def test_one_that_comes_later_still_is_the_newcomer_itself() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     joined = settle(admission, 0.0)
-    assert admission.look(joined + GRACE_S) is Stage.JOINED
+    assert admission.check(joined + GRACE_S) is Stage.JOINED
     assert admission.wakeup is None
     meet(admission, "avoid-2", joined + GRACE_S + 0.1)
-    assert admission.look(1000.0) is Stage.JOINED
+    assert admission.check(1000.0) is Stage.JOINED
 
 
 @pytest.mark.parametrize(("protocol", "stays"), [(PROTOCOL, True), (PROTOCOL + 1, False)])
@@ -157,7 +157,7 @@ def test_whoever_speaks_an_owners_protocol_stays(protocol: int, stays: bool) -> 
     meet(admission, "avoid-2", 0.0)
     meet(admission, "robot-3", 0.0, protocol, owns=("wheels",))
     settle(admission, 0.0)
-    assert admission.look(100.0) is (Stage.JOINED if stays else Stage.REFUSED)
+    assert admission.check(100.0) is (Stage.JOINED if stays else Stage.REFUSED)
 
 
 def replay(
@@ -169,7 +169,7 @@ def replay(
     while True:
         for _, who in admission.questions(now):
             coming.append((now + comes[who][1], who, "card"))
-        admission.look(now)
+        admission.check(now)
         due = admission.wakeup
         if admission.stage is Stage.REFUSED or (due is None and not coming):
             return
@@ -205,7 +205,7 @@ def test_it_joins_once_the_strangers_have_gone() -> None:
     """As where one protocol's agents are taken down while the next's come up."""
     admission = Admission("goto", "goto-1", 0.0)
     meet(admission, "avoid-2", 0.0)
-    assert admission.look(1.0) is Stage.LOOKING
+    assert admission.check(1.0) is Stage.LOOKING
     admission.disappeared("avoid-2", 1.0)
     assert settle(admission, 1.0) < GRACE_S
     assert admission.stage is Stage.JOINED
@@ -217,18 +217,18 @@ def test_an_owners_card_that_is_on_its_way_is_waited_for_at_the_end_of_the_grace
     meet(admission, "avoid-2", end - 0.2)
     admission.appeared("robot", "robot-3", end - 0.1)
     assert admission.questions(end - 0.1)
-    assert admission.look(end) is Stage.JOINED
+    assert admission.check(end) is Stage.JOINED
     assert admission.wakeup == pytest.approx(end - 0.1 + CARD_S)
     admission.answered("robot-3", card("robot-3", owns=("wheels",)), end + 0.1)
-    assert admission.look(100.0) is Stage.JOINED
+    assert admission.check(100.0) is Stage.JOINED
 
 
 def test_a_robot_agent_that_has_joined_does_not_leave_for_a_stranger_that_comes_later() -> None:
     admission = Admission("robot", "robot-1", 0.0, alone=True, owns=("wheels",))
     joined = settle(admission, 0.0)
-    assert admission.look(joined + GRACE_S) is Stage.JOINED
+    assert admission.check(joined + GRACE_S) is Stage.JOINED
     meet(admission, "avoid-2", joined + GRACE_S)
-    assert admission.look(joined + 100.0) is Stage.JOINED
+    assert admission.check(joined + 100.0) is Stage.JOINED
     late = Admission("robot", "robot-1", 0.0, alone=True, owns=("wheels",))
     meet(late, "avoid-2", 0.0)
     settle(late, 0.0)
@@ -264,7 +264,7 @@ def test_it_joins_if_the_token_goes_in_time() -> None:
     admission = Admission("robot", "robot-2", 0.0, alone=True)
     admission.appeared("robot", "robot-9", 0.0)
     admission.questions(0.0)
-    admission.look(1.0)
+    admission.check(1.0)
     admission.disappeared("robot-9", 1.0)
     assert settle(admission, 1.0) < 1.0 + QUIET_S + max(TOLD_S, ALONE_S, QUIET_S) + 0.01
     assert admission.stage is Stage.JOINED
@@ -280,17 +280,17 @@ def test_others_of_other_names_are_not_in_its_way() -> None:
 def test_of_two_that_begin_at_once_the_larger_id_waits_for_nobody() -> None:
     admission = Admission("robot", "robot-9", 0.0, alone=True)
     now = 0.0
-    while admission.look(now) is not Stage.CLAIMING:
+    while admission.check(now) is not Stage.CLAIMING:
         due = admission.wakeup
         assert due is not None
         now = due
     meet(admission, "robot-2", now, PROTOCOL, tenure=0)
-    assert admission.look(now) is Stage.REFUSED
+    assert admission.check(now) is Stage.REFUSED
 
 
 def test_one_with_a_larger_id_that_does_not_leave_keeps_it_out() -> None:
     admission = Admission("robot", "robot-2", 0.0, alone=True)
-    while admission.look(1.0) is not Stage.CLAIMING:
+    while admission.check(1.0) is not Stage.CLAIMING:
         assert admission.stage is Stage.LOOKING
     admission.appeared("robot", "robot-9", 1.01)
     settle(admission, 1.01)
@@ -306,7 +306,7 @@ def both_at_work(longer: int, shorter: int) -> list[Admission]:
     for admission, other in zip(both, ("robot-9", "robot-2"), strict=True):
         admission.appeared("robot", other, 50.0)
         assert admission.questions(50.0)
-        assert admission.look(50.0) is Stage.JOINED, "it waits for the card, to say who that is"
+        assert admission.check(50.0) is Stage.JOINED, "it waits for the card, to say who that is"
     for admission, other, tenure in zip(
         both, ("robot-9", "robot-2"), (longer, shorter), strict=True
     ):
@@ -316,13 +316,13 @@ def both_at_work(longer: int, shorter: int) -> list[Admission]:
 
 def test_after_a_cut_the_one_that_has_been_at_work_for_longer_stays() -> None:
     both = both_at_work(longer=400, shorter=400 - MUCH * 400 // 8 - 1)
-    assert [admission.look(50.1) for admission in both] == [Stage.REFUSED, Stage.JOINED]
+    assert [admission.check(50.1) for admission in both] == [Stage.REFUSED, Stage.JOINED]
     assert "robot-9 (host lab3" in both[0].refusal
 
 
 def test_of_two_that_have_been_at_work_for_as_long_the_smaller_id_stays() -> None:
     both = both_at_work(longer=400, shorter=395)
-    assert [admission.look(50.1) for admission in both] == [Stage.JOINED, Stage.REFUSED]
+    assert [admission.check(50.1) for admission in both] == [Stage.JOINED, Stage.REFUSED]
     assert "robot-2 (host lab3" in both[1].refusal
 
 
@@ -344,7 +344,7 @@ def test_of_two_at_work_one_leaves_however_much_longer_it_has_been(more: int, lo
             for _, other in admission.questions(now):
                 theirs = replace(card(other), tenure=both[other].tenure)
                 admission.answered(other, theirs, now)
-            if admission.look(now) is Stage.REFUSED:
+            if admission.check(now) is Stage.REFUSED:
                 both[others[who]].disappeared(who, now)
     stay = [who for who, admission in both.items() if admission.stage is Stage.JOINED]
     assert len(stay) == 1
@@ -364,7 +364,7 @@ def test_a_token_without_a_card_drives_nobody_out() -> None:
         if admission.questions(now):
             asked += 1
             admission.answered("robot-0000000000000000", None, now)
-        assert admission.look(now) is Stage.JOINED
+        assert admission.check(now) is Stage.JOINED
     assert asked == pytest.approx(60.0 / AGAIN_S, abs=1)
 
 
@@ -373,7 +373,7 @@ def test_a_card_that_says_that_it_never_began_drives_nobody_out() -> None:
     settle(admission, 0.0)
     admission.tenure = 400
     meet(admission, "robot-0", 50.0, PROTOCOL, tenure=0)
-    assert admission.look(60.0) is Stage.JOINED
+    assert admission.check(60.0) is Stage.JOINED
 
 
 # One that owns a resource -------------------------------------------------------------------------

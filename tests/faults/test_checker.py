@@ -64,7 +64,7 @@ class Story:
         return Cycle(self.epoch, self.number)
 
     def see(self, seen: Observation) -> None:
-        self.checker.take(seen)
+        self.checker.update(seen)
 
     def said(self, message: Message) -> None:
         self.see(Said(self.now, message))

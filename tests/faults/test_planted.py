@@ -63,7 +63,7 @@ def _owner_forgets(patch: pytest.MonkeyPatch, rule: Verdict) -> None:
         return Verdict.OBEYED if found is rule else found
 
     patch.setattr(Owner, "_verdict", verdict)
-    patch.setattr(Owner, "hear", lambda self, claim: False)
+    patch.setattr(Owner, "on_claim", lambda self, claim: False)
 
 
 def never_yields(patch: pytest.MonkeyPatch) -> None:

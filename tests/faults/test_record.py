@@ -43,11 +43,11 @@ def truth(t: float, v: float) -> Truth:
 def test_the_next_obeyed_command_is_the_one_that_is_acknowledged() -> None:
     record = Record()
     first, second = ballot(1, OLD), ballot(2, NEW)
-    record.take(Said(1.00, command(10, first)))
-    record.take(Said(1.10, ack(11, first, 10)))
-    record.take(Said(1.15, command(11, second)))
+    record.update(Said(1.00, command(10, first)))
+    record.update(Said(1.10, ack(11, first, 10)))
+    record.update(Said(1.15, command(11, second)))
     assert record.obeyed_after(1.12) is None, "said, and not known to be obeyed"
-    record.take(Said(1.20, ack(12, second, 11)))
+    record.update(Said(1.20, ack(12, second, 11)))
     assert record.obeyed_after(1.12) == 1.15
     assert record.obeyed_after(1.12, (NEW,)) is None
     assert record.driver == NEW
@@ -55,46 +55,46 @@ def test_the_next_obeyed_command_is_the_one_that_is_acknowledged() -> None:
 
 def test_what_was_said_before_and_acknowledged_after_does_not_count() -> None:
     record = Record()
-    record.take(Said(1.00, command(10, ballot(1, OLD))))
-    record.take(Said(1.10, ack(11, ballot(1, OLD), 10)))
+    record.update(Said(1.00, command(10, ballot(1, OLD))))
+    record.update(Said(1.10, ack(11, ballot(1, OLD), 10)))
     assert record.obeyed_after(1.05) is None
 
 
 def test_stop_rest_and_silence() -> None:
     record = Record()
     for at, v in ((1.0, 0.3), (1.1, 0.3), (1.4, 0.0)):
-        record.take(Ordered(at, v, 0.0))
+        record.update(Ordered(at, v, 0.0))
     for at, v in ((1.5, 0.2), (1.6, 0.005)):
-        record.take(Said(at, truth(at, v)))
-    record.take(Ordered(2.0, 0.2, 0.0))
-    record.take(Said(2.1, truth(2.1, 0.1)))
+        record.update(Said(at, truth(at, v)))
+    record.update(Ordered(2.0, 0.2, 0.0))
+    record.update(Said(2.1, truth(2.1, 0.1)))
     assert record.stop_after(1.05) == 1.4
     assert record.moves_after(1.2) == 2.0
     assert record.rest_after(1.4) == 1.6
     assert record.rest_after(1.7) is None
     assert record.fastest(1.55, 2.2) == 0.1
     assert round(record.longest_silence(1.05), 6) == 0.6
-    record.take(Passed(3.1))
+    record.update(Passed(3.1))
     assert round(record.longest_silence(1.05), 6) == 1.1
 
 
 def test_tokens_come_and_go_and_are_counted_from_when_they_came() -> None:
     record = Record()
     for at, instance in ((1.0, OLD), (1.5, NEW), (1.6, NEW)):
-        record.take(Came(at, instance))
+        record.update(Came(at, instance))
     assert record.instances("goto") == [OLD, NEW]
     assert record.alive[NEW] == 1.5
-    record.take(Left(2.0, OLD))
-    record.take(Came(2.1, OLD))
+    record.update(Left(2.0, OLD))
+    record.update(Came(2.1, OLD))
     assert record.alive[OLD] == 2.1
 
 
 def test_bids_count_for_a_while() -> None:
     record = Record()
     bid = BidRecord(Cycle(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
-    record.take(Bids(1.0, NEW, bid))
+    record.update(Bids(1.0, NEW, bid))
     assert record.bids_lately(NEW)
-    record.take(Ordered(4.0, 0.0, 0.0))
+    record.update(Ordered(4.0, 0.0, 0.0))
     assert not record.bids_lately(NEW)
     assert not record.bids_lately(OLD)
 
@@ -103,14 +103,14 @@ def test_late_commands_are_those_of_a_ballot_of_before() -> None:
     record = Record()
     before = ballot(3, OLD)
     for at, by in ((1.0, before), (2.0, before), (2.1, ballot(5, OLD)), (2.2, ballot(2, NEW))):
-        record.take(Said(at, command(10, by)))
+        record.update(Said(at, command(10, by)))
     assert record.late_commands(1.5, before) == 1
 
 
 def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
     record = Record()
     for number in range(10, 20):
-        record.take(Said(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
+        record.update(Said(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
     assert record.share_obeyed(1.0) == 0.6  # cycles 10 to 15 are within 3 of the last obeyed
     assert record.driver is None
 
@@ -121,12 +121,12 @@ def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what
 ) -> None:
     """Nor of what was ordered just before the cut that may have taken the command from it."""
     checker = Checker(Bounds(heard_s=HEARD_S))
-    checker.take(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
-    checker.take(Said(1.0, ack(10, ballot(1, OLD), 9)))
+    checker.update(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
+    checker.update(Said(1.0, ack(10, ballot(1, OLD), 9)))
     for at in (1.04, 1.05, 1.06):
-        checker.take(Ordered(at, 0.3, 0.0) if at == 1.05 else Passed(at))
+        checker.update(Ordered(at, 0.3, 0.0) if at == 1.05 else Passed(at))
         if at == cut_at:
-            checker.take(Faulted(at, "partition", ("goto",), began=True))
-    checker.take(Ordered(1.3, 0.0, 0.0))
-    checker.take(Passed(1.1 + HEARD_S))
+            checker.update(Faulted(at, "partition", ("goto",), began=True))
+    checker.update(Ordered(1.3, 0.0, 0.0))
+    checker.update(Passed(1.1 + HEARD_S))
     assert bool(checker.violations) is (cut_at is None)

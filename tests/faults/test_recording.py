@@ -47,9 +47,9 @@ def kept(path: Path, terms: list[int]) -> Path:
     recording = Recording(path)
 
     def said(at: float, key: str, message: Message, *, asked: bool = False) -> None:
-        recording.take(Heard("robot1", key, encode(message), int(at * SECOND), asked))
+        recording.add(Heard("robot1", key, encode(message), int(at * SECOND), asked))
 
-    recording.take(Presence("robot1", "goto", GOTO, True, SECOND))
+    recording.add(Presence("robot1", "goto", GOTO, True, SECOND))
     for number, term in enumerate(terms, 10):
         said(1 + number / 10, "robot/state", state(number))
         said(1 + number / 10, "resource/wheels/ack", ack(number, term))
@@ -57,7 +57,7 @@ def kept(path: Path, terms: list[int]) -> Path:
     end = 2 + len(terms) / 10
     said(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), asked=True)
     said(end, "encoder/pose", Pose(Cycle(1, 9), 0, 0, 0))
-    recording.take(Presence("robot1", "goto", GOTO, False, int(end * SECOND)))
+    recording.add(Presence("robot1", "goto", GOTO, False, int(end * SECOND)))
     recording.close()
     return path
 
@@ -97,7 +97,7 @@ def test_who_takes_over_may_be_recorded_before_whom_it_took_over_from(
     recording = Recording(path := tmp_path / "handed.mcap")
 
     def said(at: float, key: str, message: Message) -> None:
-        recording.take(Heard("robot1", key, encode(message), round(at * SECOND)))
+        recording.add(Heard("robot1", key, encode(message), round(at * SECOND)))
 
     def claim(number: int, ballot: Ballot, wanted: float, commanded: float) -> Claim:
         cycle, least = Cycle(1, number), ballot.utility

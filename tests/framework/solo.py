@@ -48,7 +48,7 @@ class Solo:
         self, who: str, number: int, utility: float | None, term: int = 3, **about: Any
     ) -> list[Message]:
         ballot = Ballot(term, utility or 0.6, False, who)
-        return self.contender.hear(
+        return self.contender.on_claim(
             Claim("wheels", ballot, self.numbered(number), utility, **about), self.now
         )
 

@@ -141,7 +141,7 @@ def test_in_a_new_epoch_the_seven_cycles_begin_anew(epoch: int) -> None:
         assert stage.clock.advance(at, now)
         stage.contender.acked(Ack("wheels", at, *before, Cycle(1, 5)), now)
         stage.contender.bid(at, Bid(0.3, (0.5, 0.0)), now)
-        stage.contender.hear(Claim("wheels", Ballot(3, 0.6, False, "a-1"), at, 0.6), now)
+        stage.contender.on_claim(Claim("wheels", Ballot(3, 0.6, False, "a-1"), at, 0.6), now)
         stage.contender.tick(now + DRAW * PERIOD)
     assert number == 8
 
@@ -382,7 +382,8 @@ def test_what_the_owner_says_of_ones_own_tenure_is_of_no_rival() -> None:
 def test_ones_own_claim_that_comes_back_outbids_nobody() -> None:
     stage = holding()
     assert (
-        stage.contender.hear(Claim("wheels", own(stage), stage.numbered(4), 0.5), stage.now) == []
+        stage.contender.on_claim(Claim("wheels", own(stage), stage.numbered(4), 0.5), stage.now)
+        == []
     )
     assert stage.contender.holding
 

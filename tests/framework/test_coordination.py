@@ -453,7 +453,7 @@ def test_the_end_of_a_tenure_needs_one_of_its_two_messages_only() -> None:
             said = owner.judge(Command("wheels", at, ballot, None), 0.5)
             assert said is Verdict.RELEASED
         else:
-            assert owner.hear(Claim("wheels", ballot, at, None))
+            assert owner.on_claim(Claim("wheels", ballot, at, None))
         assert owner.obeyed is None
         late = owner.judge(Command("wheels", at, ballot, (0.3, 0.0)), 0.5)
         assert late is Verdict.OVER, "what is left of it is refused"

@@ -42,7 +42,7 @@ def begun(until: Stage = Stage.JOINED) -> tuple[Planner, Driver, float]:
         assert driver.wakeup is not None
         now = driver.wakeup
         driver.wake(now)
-    driver.take()
+    driver.drain()
     return agent, driver, now
 
 
@@ -73,7 +73,7 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
 def test_who_may_not_join_remembers_nothing() -> None:
     agent, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (ask,) = [item for item in driver.take() if isinstance(item, AskFor)]
+    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
     driver.replied(ask.id, card("planner-1", tenure=50), now)
     assert driver.stage is Stage.REFUSED
     deliver(driver, STOP, now)
@@ -92,7 +92,7 @@ def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
     assert len(agent.questions) == len(calls)
     for question in agent.questions:
         agent.outbox.append(Answer(question.id, Plan((), 1.0)))
-    replies = [item for item in driver.take() if isinstance(item, Reply)]
+    replies = [item for item in driver.drain() if isinstance(item, Reply)]
     assert [reply.call for reply in replies] == calls[3:]
 
 
@@ -106,7 +106,7 @@ def test_a_card_speaks_for_its_own_instance_only() -> None:
     agent.met = lambda card, now: told.append(card)  # type: ignore[method-assign]
     driver.token("planner", "planner-1", True, now)
     driver.token("evil", "evil-1", True, now)
-    asked = {item.key: item.id for item in driver.take() if isinstance(item, AskFor)}
+    asked = {item.key: item.id for item in driver.drain() if isinstance(item, AskFor)}
     question = asked["agent/evil/evil-1/card"]
     driver.replied(question, card("planner-1", tenure=10**6), now)
     assert told == []
@@ -119,7 +119,7 @@ def test_one_that_is_given_for_another_is_no_card_at_all() -> None:
     """Its own is asked for again: one false answer neither lets in nor keeps out."""
     _, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (ask,) = [item for item in driver.take() if isinstance(item, AskFor)]
+    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
     driver.replied(ask.id, card("planner-2", tenure=10**6), now)
     assert driver.stage is Stage.LOOKING
     assert driver.refusal == ""

@@ -34,7 +34,7 @@ class Bell(Agent):
 def journalled(**more: Any) -> j.Journalled:
     driver = j.Journalled(Bell(Identity("bell-1")), 10.0, b"head", admit=False, **more)
     driver.begin(10.0)
-    driver.take()
+    driver.drain()
     return driver
 
 
@@ -42,7 +42,7 @@ def ring(driver: Driver, now: float, payload: bytes | None = None) -> list[Outpu
     """What comes of an alarm."""
     to = next(to for to in driver.agent.subscriptions() if to.message is Alarm)
     driver.deliver(to, "alarm", encode(Alarm("R1")) if payload is None else payload, now)
-    return driver.take()
+    return driver.drain()
 
 
 def entries(pieces: list[JournalPiece]) -> list[Any]:
@@ -62,8 +62,8 @@ def test_what_enters_and_leaves_is_in_it_in_order() -> None:
     driver = journalled(publishes=False)
     ring(driver, 11.0)
     driver.wake(12.0)
-    driver.take()
-    driver.take()  # of what is not there nothing is said twice
+    driver.drain()
+    driver.drain()  # of what is not there nothing is said twice
     found = entries(driver.pieces())
     assert [entry[0] for entry in found] == [
         *(j.START, j.BEGIN, j.TAKE),
@@ -87,7 +87,7 @@ def test_a_spoilt_payload_is_in_it_as_it_came() -> None:
 def test_to_whoever_runs_it_it_is_as_any_driver() -> None:
     plain = Driver(Bell(Identity("bell-1")), 10.0, admit=False)
     plain.begin(10.0)
-    plain.take()
+    plain.drain()
     kept = journalled(publishes=False)
     assert ring(plain, 11.0) == ring(kept, 11.0)
     assert plain.wakeup == kept.wakeup == 12.0
@@ -106,7 +106,7 @@ def test_it_wakes_to_publish_and_its_agent_is_not_woken_for_that() -> None:
 def test_its_beginning_is_published_as_soon_as_it_can_be_seen() -> None:
     driver = j.Journalled(Bell(Identity("bell-1")), 10.0, b"head", admit=False)
     driver.begin(10.0)
-    (piece,) = said(driver.take())
+    (piece,) = said(driver.drain())
     assert [entry[0] for entry in entries([piece])] == [j.START, j.BEGIN, j.TAKE]
 
 
@@ -114,7 +114,7 @@ def test_who_leaves_publishes_all_of_it() -> None:
     driver = journalled()
     ring(driver, 10.1)
     driver.leave(10.2)
-    found = entries(said(driver.take()))
+    found = entries(said(driver.drain()))
     assert found[-2][0] == j.LEAVE
     assert found[-1][0] == j.TAKE
 
@@ -124,7 +124,7 @@ def test_a_query_is_answered_to_whoever_asked_and_noted_with_its_number() -> Non
     call = object()
     key = f"agent/bell/{driver.agent.instance}/card"
     driver.asked(key, Ask(), call, 11.0)
-    (reply,) = driver.take()
+    (reply,) = driver.drain()
     assert isinstance(reply, Reply)
     assert reply.call is call
     assert isinstance(reply.message, Card)
@@ -137,13 +137,13 @@ def test_a_lost_piece_is_given_again_and_is_not_part_of_its_life() -> None:
     driver = journalled()
     ring(driver, 10.1)
     driver.wake(10.5)
-    (piece,) = said(driver.take())
+    (piece,) = said(driver.drain())
     assert driver.queries[AGAIN] is JournalRequest
     driver.asked(AGAIN, encode(JournalRequest(1)), "call", 10.6)
-    assert driver.take() == [Reply("call", AGAIN, piece)]
+    assert driver.drain() == [Reply("call", AGAIN, piece)]
     driver.asked(AGAIN, encode(JournalRequest(2)), "call", 10.6)  # there is none
     driver.asked(AGAIN, b"\xff", "call", 10.6)
-    assert driver.take() == []
+    assert driver.drain() == []
     assert service_of(JournalRequest).reply is JournalPiece
 
 
@@ -154,7 +154,7 @@ def test_so_much_is_kept_and_no_more() -> None:
         now = 10.0 + 0.6 * k
         ring(driver, now, j.zlib.compress(noise + bytes([k])) * 100)
         driver.wake(now + 0.5)
-        driver.take()
+        driver.drain()
     assert driver._kept_bytes <= j.KEPT
     assert driver._kept_bytes == sum(len(piece.data) for piece in driver._kept)
 

@@ -79,13 +79,13 @@ def test_a_smaller_ballot_is_refused_however_the_larger_came_to_be_known(
     if known == "obeyed":
         assert owner.judge(command(), NOW) is Verdict.OBEYED
     elif known == "claimed":
-        assert not owner.hear(claim())
+        assert not owner.on_claim(claim())
     else:
         assert owner.judge(command(action=None), NOW) is Verdict.RELEASED
     assert owner.largest == ballot()
     for smaller in (ballot(2), ballot(3, 0.5), ballot(3, 0.6, "Z-1")):
         assert owner.judge(command(of=smaller), NOW) is Verdict.STALE_BALLOT
-        assert not owner.hear(claim(of=smaller))
+        assert not owner.on_claim(claim(of=smaller))
     assert owner.largest == ballot()
 
 
@@ -94,9 +94,9 @@ def test_a_term_may_be_a_jump_ahead_and_no_more(first: bool) -> None:
     owner = Owner(WHEELS, running(AT))
     known = 0
     if not first:
-        owner.hear(claim())
+        owner.on_claim(claim())
         known = 3
-    assert not owner.hear(claim(of=ballot(known + JUMP + 1)))
+    assert not owner.on_claim(claim(of=ballot(known + JUMP + 1)))
     huge = command(of=ballot(known + JUMP + 1))
     assert owner.judge(huge, NOW) is Verdict.IMPLAUSIBLE
     assert owner.largest == (None if first else ballot())
@@ -104,7 +104,7 @@ def test_a_term_may_be_a_jump_ahead_and_no_more(first: bool) -> None:
 
 
 def test_a_claim_of_an_old_cycle_teaches_nothing(owner: Owner) -> None:
-    assert not owner.hear(claim(AT - 4))
+    assert not owner.on_claim(claim(AT - 4))
     assert owner.largest is None
 
 
@@ -113,28 +113,28 @@ def test_a_released_tenure_is_over_and_nothing_of_it_is_obeyed(by: str) -> None:
     owner = obeying()
     if by == "command":
         assert owner.judge(command(action=None), NOW) is Verdict.RELEASED
-        assert not owner.hear(claim(utility=None)), "it is at rest already"
+        assert not owner.on_claim(claim(utility=None)), "it is at rest already"
     else:
-        assert owner.hear(claim(utility=None)), "it is to be rested"
+        assert owner.on_claim(claim(utility=None)), "it is to be rested"
     assert (owner.obeyed, owner.obeyed_cycle) == (None, Cycle(1, AT))
     assert owner.judge(command(), NOW) is Verdict.OVER
     assert owner.judge(command(action=None), NOW) is Verdict.OVER
-    assert not owner.hear(claim(utility=None))
+    assert not owner.on_claim(claim(utility=None))
     assert owner.judge(command(of=ballot(4)), NOW) is Verdict.OBEYED
 
 
 def test_a_smaller_release_does_not_make_a_larger_tenure_good_again() -> None:
     owner = obeying()
-    assert owner.hear(claim(utility=None))
-    assert not owner.hear(claim(of=ballot(2), utility=None))
+    assert owner.on_claim(claim(utility=None))
+    assert not owner.on_claim(claim(of=ballot(2), utility=None))
     assert owner.judge(command(), NOW) is Verdict.OVER
 
 
 def test_who_releases_what_another_holds_ends_nothing() -> None:
     owner = obeying()
-    assert not owner.hear(claim(of=ballot(2), utility=None))
+    assert not owner.on_claim(claim(of=ballot(2), utility=None))
     assert owner.obeyed == ballot()
-    assert not owner.hear(claim(of=ballot(4), utility=None)), "it was not obeyed"
+    assert not owner.on_claim(claim(of=ballot(4), utility=None)), "it was not obeyed"
     assert owner.obeyed == ballot()
     assert owner.judge(command(of=ballot(4)), NOW) is Verdict.OVER
 
@@ -208,11 +208,11 @@ def test_an_ack_says_the_largest_ballot_what_is_obeyed_and_how_much_that_is_wort
     owner.judge(command(), NOW)
     at = Cycle(1, AT)
     assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.6, False)
-    owner.hear(claim())
+    owner.on_claim(claim())
     assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.7, True), "its claim says more"
     owner.judge(command(), NOW)
     assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.7, True)
-    owner.hear(claim(of=ballot(4, 0.9), utility=0.9))
+    owner.on_claim(claim(of=ballot(4, 0.9), utility=0.9))
     assert owner.ack((0.1, 0.2)) == ack(ballot(4, 0.9), ballot(), at, 0.7, True)
     owner.judge(command(of=ballot(4, 0.9)), NOW)
     assert owner.ack((0.1, 0.2)) == ack(ballot(4, 0.9), ballot(4, 0.9), at, 0.9, False)

@@ -545,7 +545,7 @@ def test_a_command_on_anothers_key_is_refused() -> None:
     driver = heard(arm(GRIPPER)(Identity("arm-1")), GRIPPER.command_key_of("evil-1"), command)
     assert driver.agent.owner(GRIPPER).refusals == Counter()  # it did not come that far
     driver.report({}, 100.0)
-    said = [item.message for item in driver.take() if hasattr(item, "message")]
+    said = [item.message for item in driver.drain() if hasattr(item, "message")]
     assert any(isinstance(m, Log) and "a command with the ballot of goto-1" in m.text for m in said)
 
 
@@ -563,7 +563,7 @@ def test_a_claim_or_ack_of_another_resource_on_a_key_is_refused() -> None:
         assert any("it is about gripper" in why for why in driver.refused) or any(
             isinstance(getattr(item, "message", None), Log)
             and "it is about gripper" in item.message.text  # type: ignore[union-attr]
-            for item in driver.take()
+            for item in driver.drain()
         )
 
 

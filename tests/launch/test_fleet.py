@@ -38,10 +38,10 @@ def test_the_same_seed_is_the_same_run() -> None:
 
 def test_a_robot_that_has_fallen_silent_is_not_said_to_hold_anything() -> None:
     watch = FleetWatch("fleet", ("r1", "r2"), 3)
-    watch.show("r1", FleetStatus(1, 3, 0, (0,)), 1.0)
-    watch.show("r2", FleetStatus(1, 3, 0, (1, 2)), 1.0)
+    watch.update("r1", FleetStatus(1, 3, 0, (0,)), 1.0)
+    watch.update("r2", FleetStatus(1, 3, 0, (1, 2)), 1.0)
     assert watch.remark == "0 of 3 done; held: r1 1, r2 2"
-    watch.show("r1", FleetStatus(1, 3, 0, (0,)), 7.0)
+    watch.update("r1", FleetStatus(1, 3, 0, (0,)), 7.0)
     assert watch.remark == "0 of 3 done; held: r1 1, r2 silent"
 
 

@@ -254,7 +254,7 @@ def test_a_stop_far_beyond_outlives_a_restart_and_can_be_released(
     assert drive.of(Stop, quiet) == [], "nobody contradicts anybody for ever"
     resume = Latching(stopped=False, by="tester", press=0)
     while not resume.done and drive.mesh.now < quiet + 5.0:
-        resume.hear(drive.of(RobotState)[-1], drive.mesh.now)
+        resume.on_robot_state(drive.of(RobotState)[-1], drive.mesh.now)
         if (message := resume.message()) is not None:
             drive.mesh.publish(message)
         drive.let_pass(0.1)

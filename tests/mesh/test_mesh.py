@@ -45,7 +45,7 @@ class Box:
         self._inbox.put("all", lambda: None, *what, keep=1000)
 
     def take(self, timeout: float) -> tuple[Any, ...] | None:
-        item = self._inbox.take(timeout)
+        item = self._inbox.get(timeout)
         return None if item is None else item[1]
 
     def get(self) -> Any:

@@ -43,7 +43,7 @@ class Process:
         end = self.now + seconds
         while self.presence.due <= end:
             self.now = max(self.presence.due, self.now)
-            self.presence.look(self.now)
+            self.presence.poll(self.now)
         self.now = end
 
     def read(self) -> list[Any]:

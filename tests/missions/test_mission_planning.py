@@ -204,14 +204,14 @@ def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message(
 class Raises(Task):
     """Somebody's task, with a fault."""
 
-    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+    def tick(self, beliefs: Beliefs, progress: Any) -> Any:
         return {}["nothing"]
 
 
 class Odd(Task):
     """Wants an event published that is none of missions."""
 
-    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+    def tick(self, beliefs: Beliefs, progress: Any) -> Any:
         return Done("odd", Cycle(1, 2))
 
 

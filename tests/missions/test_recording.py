@@ -35,7 +35,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     said = surveillance(once).said
     recording = Recording(path)
     for now, key, message in said:
-        recording.take(Heard("robot1", key, encode(message), round(now * SECOND)))
+        recording.add(Heard("robot1", key, encode(message), round(now * SECOND)))
     recording.close()
     assert not recording.refused
     read = [(row.key, row.message) for row in rows(path, pytest.fail)]

@@ -85,7 +85,7 @@ class Overheard(Driven):
         return standing(self.view, self.mesh.now)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
-        self.chronicle.take(key, message if self.worded else reworded(message), now)
+        self.chronicle.update(key, message if self.worded else reworded(message), now)
 
     def _ask(self) -> None:
         now = self.mesh.now

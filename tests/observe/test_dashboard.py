@@ -57,8 +57,8 @@ def test_the_map_made_by_driving_lies_where_it_is_in_the_world(tmp_path: Path) -
     states = np.array([[0, 1, 2], [1, 1, 0]], dtype=np.uint8)
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(message_of(Cells(-1.0, 2.0, 0.5, states)), 1.0)
-        scene.take(OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
+        scene.update(message_of(Cells(-1.0, 2.0, 0.5, states)), 1.0)
+        scene.update(OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
     ((_, kept),) = Kept(path).rows["/p/map/world/mapped"]
     assert kept["translation"] == [[-1.0, 2.0, 0.0]]
     with Image.open(io.BytesIO(bytes(kept["blob"][0]))) as image:
@@ -75,8 +75,8 @@ def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> Pose:
 def test_what_the_pose_is_unsure_of_is_an_ellipse_and_an_angle(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # nobody knows
-        scene.take(pose(2, 0.09), 1.0)
+        scene.update(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # nobody knows
+        scene.update(pose(2, 0.09), 1.0)
     ((t, kept),) = Kept(path).rows["/p/map/world/unsure"]
     assert t == 1.0
     ellipse, angle = kept["strips"]
@@ -102,10 +102,10 @@ def test_particles_are_drawn_where_they_are_until_nobody_says_them(tmp_path: Pat
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         said = particles_of(cycle(1), [(1.0, 2.0, 0.0), (3.0, -1.0, math.pi / 2)])
-        scene.take(said, 1.0)
-        scene.take(replace(said, packed=b"no"), 1.5)
+        scene.update(said, 1.0)
+        scene.update(replace(said, packed=b"no"), 1.5)
         for number, t in enumerate((2.0, 3.1, 9.0)):
-            scene.take(state(number), t)
+            scene.update(state(number), t)
     (_, shown), (gone_at, gone) = Kept(path).rows["/p/map/world/particles"]
     assert np.array(shown["origins"]) == pytest.approx(np.array([[1.0, 2.0], [3.0, -1.0]]))
     assert shown["vectors"][0] == pytest.approx((0.12, 0.0), abs=1e-5)
@@ -118,13 +118,13 @@ def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Pat
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         for number in range(1, 6):
-            scene.take(state(number), number / 10)
+            scene.update(state(number), number / 10)
             claim = m.Claim("wheels", ballot(GOTO), cycle(number), 0.6)
-            scene.take(claim, number / 10 + 0.01)
+            scene.update(claim, number / 10 + 0.01)
         late = [record(n, u) for n, u in ((2, None), (3, 0.25), (4, 0.5), (5, None), (9, 0.9))]
         for _ in range(2):  # asked twice, drawn once
-            scene.take(m.BidHistory(AVOID, tuple(late)), 1.0)
-        scene.take(m.BidHistory(GOTO, (record(5, 0.6),)), 1.0)
+            scene.update(m.BidHistory(AVOID, tuple(late)), 1.0)
+        scene.update(m.BidHistory(GOTO, (record(5, 0.6),)), 1.0)
     kept = Kept(path)
     assert kept.values("/p/utility/wheels/goto", "scalars") == [(n / 10, 0.6) for n in range(1, 6)]
     avoid = kept.values("/p/utility/wheels/avoid", "scalars")
@@ -137,11 +137,11 @@ def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Pat
 def test_an_agent_has_one_colour_in_curve_and_path(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(state(1), 0.1)
+        scene.update(state(1), 0.1)
         for step in range(30):
-            scene.take(ack(step, AVOID), 0.1 + step / 10)
-            scene.take(Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
-        scene.take(m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
+            scene.update(ack(step, AVOID), 0.1 + step / 10)
+            scene.update(Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
+        scene.update(m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
     kept = Kept(path)
     avoid = palette.agent("avoid")
     assert colour_of(kept.fixed["/p/utility/wheels/avoid"]["colors"][0]) == avoid
@@ -156,13 +156,13 @@ def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path)
     sonar = Obstacles(cycle(1), None, None, None, None, (m.Point(0, 1),))
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(m.Description(*body, sensors=("laser", "sonar")), 0.0)
-        scene.take(Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
-        scene.take(scan, 0.1)
-        scene.take(replace(scan, packed=b"abc"), 0.5)
-        scene.take(laser, 0.2)
-        scene.take(sonar, 0.2)
-        scene.take(replace(sonar, sensor="camera"), 0.9)
+        scene.update(m.Description(*body, sensors=("laser", "sonar")), 0.0)
+        scene.update(Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
+        scene.update(scan, 0.1)
+        scene.update(replace(scan, packed=b"abc"), 0.5)
+        scene.update(laser, 0.2)
+        scene.update(sonar, 0.2)
+        scene.update(replace(sonar, sensor="camera"), 0.9)
     kept = Kept(path)
     (seen,) = (parts["positions"] for _, parts in kept.rows["/p/local/robot/scan"])
     assert len(seen) == 2, "those within sight of the local map"
@@ -177,9 +177,9 @@ def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
     seconds, rate = 20, 200
     with drawn(path) as scene:
         for step in range(seconds * rate):
-            scene.take(Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
+            scene.update(Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
             echo = Echo(0.1, 0.0, step * 0.01, 1.0 + step % 20)
-            scene.take(Sonar(cycle(step), 30.0, (echo,)), step / rate)
+            scene.update(Sonar(cycle(step), 30.0, (echo,)), step / rate)
     kept = Kept(path)
     rows = {name: len(rows) / seconds for name, rows in kept.rows.items()}
     assert 5.0 < rows["/p/map/world/robot"] < 16.0
@@ -191,9 +191,9 @@ def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
 def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
     recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
     one, two = (Scene(recording, None, name) for name in ("one", "two"))
-    one.take(state(1), 0.0)
-    one.take(m.Claim("wheels", ballot(GOTO), cycle(1), 0.6), 0.0)
-    two.take(Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
+    one.update(state(1), 0.0)
+    one.update(m.Claim("wheels", ballot(GOTO), cycle(1), 0.6), 0.0)
+    two.update(Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
     close(recording)
     kept = Kept(tmp_path / "a.rrd")
     assert "/one/utility/wheels/goto" in kept.rows
@@ -204,7 +204,7 @@ def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
 
 def test_a_message_that_is_not_shown_is_let_pass(tmp_path: Path) -> None:
     with drawn(tmp_path / "a.rrd") as scene:
-        scene.take(m.Ask(), 0.0)
+        scene.update(m.Ask(), 0.0)
     assert Kept(tmp_path / "a.rrd").rows == {}
 
 
@@ -213,7 +213,7 @@ def test_cells_lie_where_the_robot_has_them(tmp_path: Path, sector: int) -> None
     cells = tuple(Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
+        scene.update(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
     ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
     arcs = np.array(shown["strips"])
     assert np.hypot(arcs[..., 0], arcs[..., 1]) == pytest.approx(
@@ -237,7 +237,7 @@ def test_of_several_points_in_a_cell_the_surest_is_shown(tmp_path: Path) -> None
     path = tmp_path / "a.rrd"
     cells = (Cell(0, 7, 1.0, 0, 0), Cell(0, 7, 0.1, 0, 0), Cell(3, 7, 0.0, 0, 0))
     with drawn(path) as scene:
-        scene.take(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
+        scene.update(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
     ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
     assert list(map(colour_of, shown["colors"])) == [(86, 180, 233, 255)]
 
@@ -255,9 +255,9 @@ def test_the_robot_is_drawn_as_large_as_it_says_and_not_before(
     robot, pose = described(profile), Pose(cycle(1), 1.0, 2.0, 0.0)
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take(pose, 0.0)
-        scene.take(robot, 0.1)
-        scene.take(pose, 0.2)
+        scene.update(pose, 0.0)
+        scene.update(robot, 0.1)
+        scene.update(pose, 0.2)
     fixed = Kept(path).fixed
     for where in ("map/world/robot", "local/robot"):
         x, y = zip(*fixed[f"/p/{where}/outline"]["strips"][0], strict=True)

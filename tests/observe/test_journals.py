@@ -59,7 +59,7 @@ def pieces(*entries: list[Any], instance: str = "goto-1") -> list[JournalPiece]:
 def read(*found: JournalPiece) -> Journal:
     taken = Pieces()
     for piece in found:
-        taken.take("robot1", encode(piece), piece.number * SECOND)
+        taken.add("robot1", encode(piece), piece.number * SECOND)
     (journal,) = taken.journals()
     return journal
 
@@ -234,7 +234,7 @@ def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     kept = Recording(path, max_bytes=1)
     for piece in pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0]):
-        kept.take(Heard("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
+        kept.add(Heard("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
         kept.flush()
     kept.close()
     past = Past(path, pytest.fail)

@@ -72,7 +72,7 @@ class Run:
 
     def show(self, *messages: Message) -> None:
         for message in messages:
-            self.watch.show(message, self.now)
+            self.watch.update(message, self.now)
 
     def begin(self) -> Run:
         self.watch.begin(MISSION)

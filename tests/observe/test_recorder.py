@@ -65,7 +65,7 @@ def bid(number: int) -> m.BidRecord:
 def recorded(path: Path, *items: Heard | Presence, **options: Any) -> Recording:
     recording = Recording(path, **options)
     for item in items:
-        recording.take(item)
+        recording.add(item)
         recording.flush()
     recording.close()
     return recording
@@ -204,14 +204,14 @@ class Crowd:
     def __init__(self) -> None:
         self.taken = 0
 
-    def take(self, _: float) -> Heard:
+    def get(self, _: float) -> Heard:
         self.taken += 1
         return heard("encoder/pose", POSE, self.taken)
 
-    def hear(self) -> None:
+    def subscribe(self) -> None:
         """Everything."""
 
-    watch_alive = hear
+    watch_alive = subscribe
 
 
 def test_it_is_over_between_two_messages_and_never_within_one(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_what_was_flushed_is_read_wherever_the_file_ends(tmp_path: Path) -> None
     recording = Recording(path)
     sizes = []
     for n in range(5):
-        recording.take(heard("encoder/pose", POSE, n))
+        recording.add(heard("encoder/pose", POSE, n))
         recording.flush()
         sizes.append(path.stat().st_size)
     data = path.read_bytes()
@@ -341,7 +341,7 @@ def test_tables_have_a_file_a_topic_and_a_column_a_field(tmp_path: Path) -> None
     )
     with Tables(tmp_path / "out") as tables:
         for row in read(path):
-            tables.take(row)
+            tables.write(row)
     with (tmp_path / "out" / "robot1_resource_wheels_utility.csv").open() as stream:
         claims = list(csv.DictReader(stream))
     assert [row["t"] for row in claims] == ["0.000000", "1.000000"]
@@ -408,12 +408,12 @@ def piece(number: int, instance: str = "goto-1") -> m.JournalPiece:
 
 def test_pieces_that_were_missed_are_asked_for_until_they_come() -> None:
     gaps = Gaps()
-    assert all(gaps.take("robot1", piece(n)) for n in (0, 1, 4))
+    assert all(gaps.add("robot1", piece(n)) for n in (0, 1, 4))
     assert gaps.lost == 2
     assert gaps.ask() == gaps.ask() == [("robot1", "goto-1", 2), ("robot1", "goto-1", 3)]
-    assert gaps.take("robot1", piece(2))
-    assert not gaps.take("robot1", piece(2))  # it is kept once
-    assert not gaps.take("robot1", piece(1))
+    assert gaps.add("robot1", piece(2))
+    assert not gaps.add("robot1", piece(2))  # it is kept once
+    assert not gaps.add("robot1", piece(1))
     assert gaps.ask() == [("robot1", "goto-1", 3)]
 
 
@@ -423,13 +423,13 @@ class Forgetful:
     def __init__(self) -> None:
         self._waiting = [piece(0), piece(2)]
 
-    def take(self, _: float) -> Heard | None:
+    def get(self, _: float) -> Heard | None:
         return heard("journal/goto-1", self._waiting.pop(0)) if self._waiting else None
 
-    def hear(self) -> None:
+    def subscribe(self) -> None:
         """Everything."""
 
-    watch_alive = hear
+    watch_alive = subscribe
 
     def ask_for_piece(self, _n: str, _i: str, number: int, _t: float) -> None:
         self._waiting.append(piece(number))
@@ -448,18 +448,18 @@ def test_the_first_piece_of_who_was_not_heard_is_expected_where_others_keep_jour
     gaps = Gaps()
     gaps.expect("robot1", "avoid-1")
     assert not gaps.lost  # nobody keeps any
-    gaps.take("robot1", piece(0))
+    gaps.add("robot1", piece(0))
     for namespace, instance in (("robot1", "goto-1"), ("robot1", "avoid-1"), ("robot2", "goto-2")):
         gaps.expect(namespace, instance)
     assert gaps.ask() == [("robot1", "avoid-1", 0)]
-    assert gaps.take("robot1", piece(0, "avoid-1"))
+    assert gaps.add("robot1", piece(0, "avoid-1"))
     assert not gaps.lost
 
 
 def test_pieces_that_nobody_has_are_not_asked_for_for_ever() -> None:
     gaps = Gaps()
-    gaps.take("robot1", piece(3, "avoid-1"))
-    gaps.take("robot2", piece(0))
+    gaps.add("robot1", piece(3, "avoid-1"))
+    gaps.add("robot2", piece(0))
     asked = [gaps.ask() for _ in range(TRIES + 1)]
     assert asked[0] == [("robot1", "avoid-1", n) for n in range(3)]
     assert asked[-1] == []

@@ -432,7 +432,7 @@ def test_a_recording_without_journals_says_how_to_make_one(
             from armadico.observe.watching import Presence
 
             here = row.fields
-            kept.take(Presence("robot1", here["name"], here["instance"], True, row.t))
+            kept.add(Presence("robot1", here["name"], here["instance"], True, row.t))
     kept.close()
     code, _, err = run(tmp_path / "bare.mcap")
     assert code == options.USAGE

@@ -69,10 +69,10 @@ def recorded(path: Path, *namespaces: str, **options: Any) -> Recording:
     for number, (key, message) in enumerate(society()):
         for namespace in namespaces:
             at = BEGUN + number * SECOND // 60
-            recording.take(Heard(namespace, key, m.encode(message), at))
+            recording.add(Heard(namespace, key, m.encode(message), at))
             recording.flush()
-    recording.take(Heard(namespaces[0], "somebody/else", b"\x01", BEGUN + SECOND))
-    recording.take(Heard(namespaces[0], "encoder/pose", b"\xff", BEGUN + SECOND))
+    recording.add(Heard(namespaces[0], "somebody/else", b"\x01", BEGUN + SECOND))
+    recording.add(Heard(namespaces[0], "encoder/pose", b"\xff", BEGUN + SECOND))
     recording.close()
     return recording
 
@@ -154,7 +154,7 @@ def test_our_own_readers_see_our_own_messages_only(tmp_path: Path) -> None:
     assert not {row.topic for row in found} & TOPICS.keys()
     with Tables(tmp_path / "csv") as tables:
         for row in found:
-            tables.take(row)
+            tables.write(row)
     assert tables.rows == len(society())
 
 
@@ -231,7 +231,7 @@ def test_a_recording_that_was_made_without_becomes_a_bag(tmp_path: Path) -> None
     path = tmp_path / "old.mcap"
     recording = Recording(path)
     for number, (key, message) in enumerate(society()):
-        recording.take(Heard("robot1", key, m.encode(message), BEGUN + number * SECOND // 60))
+        recording.add(Heard("robot1", key, m.encode(message), BEGUN + number * SECOND // 60))
     recording.close()
     check(rosbags_reader(exported(path)))
 

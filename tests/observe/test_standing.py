@@ -131,7 +131,7 @@ def told(*said: Message, t: float = 0.0) -> Cause | None:
     """Of a robot that has said this, and stands."""
     view = View()
     for message in (WELL, *said):
-        view.take(service_of(type(message)).key, message, t)
+        view.update(service_of(type(message)).key, message, t)
     return standing(view, t + 0.1).cause
 
 
@@ -171,8 +171,8 @@ def test_what_a_mission_says_of_itself() -> None:
 def test_what_the_monitor_misses_is_told_with_its_stop() -> None:
     stop = Stop(1, stopped=True, by="monitor: no sonar for 20 s")
     view = View()
-    view.take("robot/state", replace(WELL, stop=stop), 0.0)
-    view.take("monitor/m-1", MonitorReport("m-1", 90, True, ("sonar",)), 0.0)
+    view.update("robot/state", replace(WELL, stop=stop), 0.0)
+    view.update("monitor/m-1", MonitorReport("m-1", 90, True, ("sonar",)), 0.0)
     found = standing(view, 0.1)
     assert found.sentences[1:] == (
         "The society lacks sonar.",

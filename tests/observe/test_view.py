@@ -247,8 +247,8 @@ def test_the_newest_of_each_is_known() -> None:
 
 def test_what_is_published_counts_for_its_key_and_what_is_answered_does_not() -> None:
     view = View()
-    view.take("encoder/pose", Pose(m.Cycle(1, 1), 1.0, 0.0, 0.0), 1.0)
-    view.take("encoder/pose", None, 1.1)  # it could not be read
+    view.update("encoder/pose", Pose(m.Cycle(1, 1), 1.0, 0.0, 0.0), 1.0)
+    view.update("encoder/pose", None, 1.1)  # it could not be read
     view.learn(card(GOTO), 1.1)
     assert {key: rate.count for key, rate in view.rates.items()} == {"encoder/pose": 2}
     assert view.rates["encoder/pose"].hz(1.1) == pytest.approx(10.0)

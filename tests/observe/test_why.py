@@ -341,8 +341,8 @@ def test_what_is_kept_does_not_grow_for_ever(monkeypatch: pytest.MonkeyPatch) ->
     chronicle = Chronicle()
     for number in range(1, 6):
         press = Stop(2 * number - 1, True, f"hand {number}", number)
-        chronicle.take("robot/stop", press, float(number))
-        chronicle.take("robot/stop", Stop(2 * number, False, "", number), number + 0.5)
+        chronicle.update("robot/stop", press, float(number))
+        chronicle.update("robot/stop", Stop(2 * number, False, "", number), number + 0.5)
         chronicle.mark(number + 0.6)
     chronicle.finish()
     assert [(each.number, each.by) for each in chronicle.presses] == [(4, "hand 4"), (5, "hand 5")]
@@ -353,7 +353,7 @@ def test_a_stop_that_was_there_before_anybody_listened_is_told_as_that() -> None
     chronicle = Chronicle()
     for number in (7, 8):
         state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "anna"))
-        chronicle.take("robot/state", state, number / 10)
+        chronicle.update("robot/state", state, number / 10)
     (press,) = chronicle.presses
     assert press.stood is None
     assert press.sentences[:2] == (

@@ -173,7 +173,7 @@ def test_nobody_works_beside_another() -> None:
     inbox = Inbox()
     assert not inbox.at_once(), "who takes is at work until it waits"
     taken: list[object] = []
-    thread = threading.Thread(target=lambda: taken.append(inbox.take(SOON)))
+    thread = threading.Thread(target=lambda: taken.append(inbox.get(SOON)))
     thread.start()
     assert any(inbox.at_once() for _ in range(10 * TRIES))
     assert not inbox.at_once(), "somebody is at work"
@@ -217,7 +217,7 @@ def test_a_transport_never_waits_for_whoever_takes() -> None:
 
     key.during = during
     for _ in range(2):
-        item = inbox.take(SOON)
+        item = inbox.get(SOON)
         assert item is not None
         call, args = item
         call(*args)

@@ -427,7 +427,7 @@ def test_lines_for_people_are_limited_whatever_comes(minutes: int) -> None:
     for step in range(minutes * 6000):
         agent.now = step / 100
         agent.log("again and again")
-        out = driver.take()
+        out = driver.drain()
         published += sum(isinstance(getattr(item, "message", None), Log) for item in out)
     seconds = 60.0 * minutes
     assert published <= LINES + LINES_A_S * seconds + 1
@@ -440,12 +440,12 @@ def test_what_was_left_out_is_said() -> None:
     driver.begin(0.0)
     for _ in range(LINES + 50):
         agent.log("again")
-    driver.take()
+    driver.drain()
     agent.now += 10.0
     agent.log("later")
     said = [
         item.message.text
-        for item in driver.take()
+        for item in driver.drain()
         if isinstance(item, Publish) and isinstance(item.message, Log)
     ]
     assert "50 lines were left out" in said
@@ -461,12 +461,12 @@ class Told:
     def __init__(self, agent: Agent) -> None:
         self.driver = Driver(agent, 0.0, admit=False)
         self.driver.begin(0.0)
-        self.driver.take()
+        self.driver.drain()
 
     def hear(self, message: Message, now: float, key: str) -> list[Log]:
         (to,) = [to for to in self.driver.agent.subscriptions() if to.message is type(message)]
         self.driver.deliver(to, key, message, now)
-        said = [item.message for item in self.driver.take() if isinstance(item, Publish)]
+        said = [item.message for item in self.driver.drain() if isinstance(item, Publish)]
         return [message for message in said if isinstance(message, Log)]
 
     def cycle(self, epoch: int, number: int, now: float) -> list[Log]:
@@ -579,7 +579,7 @@ def test_a_counter_that_cannot_be_is_said_of_a_state_and_before_one_is_at_work_t
     driver.deliver(to, "robot/stop", Stop(1, False, "people", 7), 0.1)
     driver.deliver(to, "robot/stop", Stop(m.JUMP + 2, by="x"), 0.1)
     assert not driver.started
-    assert [item for item in driver.take() if isinstance(item, Publish)]
+    assert [item for item in driver.drain() if isinstance(item, Publish)]
 
 
 # Strangers' cards ---------------------------------------------------------------------------------
@@ -587,7 +587,7 @@ def test_a_counter_that_cannot_be_is_said_of_a_state_and_before_one_is_at_work_t
 
 def asked_for_a_card(driver: Driver, name: str, instance: str, now: float) -> int:
     driver.token(name, instance, True, now)
-    (ask,) = [item for item in driver.take() if isinstance(item, AskFor)]
+    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
     assert ask.key == f"agent/{name}/{instance}/card"
     return ask.id
 
@@ -606,7 +606,7 @@ def at_work() -> Driver:
         assert due is not None
         now = due
         driver.wake(now)
-    assert any(isinstance(item, Announce) for item in driver.take())
+    assert any(isinstance(item, Announce) for item in driver.drain())
     return driver
 
 
@@ -614,12 +614,12 @@ def test_a_card_in_anothers_name_is_ignored() -> None:
     driver = at_work()
     question = asked_for_a_card(driver, "evil", "evil-1", 1.0)
     driver.token("goto", "goto-1", True, 1.0)
-    driver.take()
+    driver.drain()
     driver.replied(question, card("goto-1", 99), 1.1)
     driver.replied(question, card(driver.agent.instance, 99), 1.1)
     assert driver.agent.foreign == set()
     assert driver.refusal == ""
-    assert not [item for item in driver.take() if isinstance(item, Publish)]
+    assert not [item for item in driver.drain() if isinstance(item, Publish)]
 
 
 def test_a_card_of_another_protocol_is_believed_of_itself_and_said_once() -> None:
@@ -628,7 +628,7 @@ def test_a_card_of_another_protocol_is_believed_of_itself_and_said_once() -> Non
     for _ in range(3):
         driver.replied(question, card("evil-1", 99), 5.1)
     assert driver.agent.foreign == {"evil-1"}
-    said = [item for item in driver.take() if isinstance(item, Publish)]
+    said = [item for item in driver.drain() if isinstance(item, Publish)]
     assert len(said) == 1
 
 
@@ -678,7 +678,7 @@ def test_a_bell_that_rang_for_what_was_taken_before_is_not_believed() -> None:
     inbox = Inbox()
     waited: list[float] = []
     inbox.put("a", lambda: None)
-    assert inbox.take(0) is not None
+    assert inbox.get(0) is not None
     bell = inbox._bell
 
     class Bell:
@@ -687,7 +687,7 @@ def test_a_bell_that_rang_for_what_was_taken_before_is_not_believed() -> None:
             return bell.acquire(blocking=False)  # not ringing: as after the whole time
 
     inbox._bell = Bell()  # type: ignore[assignment]
-    assert inbox.take(60.0) is None
+    assert inbox.get(60.0) is None
     assert len(waited) == 2, "it waited again after the stale ring"
     assert waited[-1] > 59.0
 

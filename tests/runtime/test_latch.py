@@ -44,14 +44,14 @@ class Robot:
         self.number += 1
         at, latch = Cycle(1, self.number), stop or self.stop
         state = RobotState(at, 0, 0, 0, *self.speeds, 12, self.motors, False, latch)
-        self.press.hear(state, self.now)
+        self.press.on_robot_state(state, self.now)
 
     def turn(self) -> None:
         """What is pressed comes to the robot agent, and then its state to who presses."""
         message = self.press.message()
         if message is not None:
             self.said.append(checked(message))  # it can be sent
-            self.memory.hear(message, self.now)
+            self.memory.update(message, self.now)
         self.state()
 
     def turns(self, count: int, until: Callable[[], bool] = lambda: False) -> None:
@@ -94,7 +94,7 @@ def test_one_old_state_said_again_and_again_is_no_acknowledgement() -> None:
     robot = Robot()
     state = RobotState(Cycle(1, 5), 0, 0, 0, 0, 0, 12, True, False, Stop(9, True, "old", 3))
     for tenth in range(40):
-        robot.press.hear(state, tenth / 10)
+        robot.press.on_robot_state(state, tenth / 10)
     assert not robot.press.done
 
 
@@ -111,7 +111,7 @@ def test_a_robot_agent_that_falls_silent_has_to_say_so_for_as_long_again() -> No
 def test_a_stop_that_somebody_releases_meanwhile_stands_again() -> None:
     robot = Robot()
     robot.turns(5)
-    robot.memory.hear(Stop(robot.stop.counter + 1, False, "somebody", PRESS), robot.now)
+    robot.memory.update(Stop(robot.stop.counter + 1, False, "somebody", PRESS), robot.now)
     robot.state()
     assert not robot.stop.stopped
     since = robot.now
@@ -194,7 +194,7 @@ def test_what_is_not_stopped_needs_no_release() -> None:
 def test_a_stop_that_was_pressed_meanwhile_is_not_released(ahead: int) -> None:
     robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
     robot.state()
-    robot.memory.hear(Stop(7 + ahead, True, "another", 6), robot.now)
+    robot.memory.update(Stop(7 + ahead, True, "another", 6), robot.now)
     robot.turns(30)
     assert robot.stop.stopped
     assert not robot.press.done
@@ -208,7 +208,7 @@ def test_a_release_that_the_robot_agent_does_not_let_stand_says_what_has_to_be_d
     robot = Robot(Stop(7, True, hand, 5), stopped=False)
     robot.motors = hand is not Hand.MOTORS
     robot.state()
-    robot.memory.hear(Stop(9, True, hand, 6), robot.now)  # it latches again at once
+    robot.memory.update(Stop(9, True, hand, 6), robot.now)  # it latches again at once
     robot.turns(30)
     assert not robot.press.done
     assert hand.remedy in robot.press.refusal
@@ -218,7 +218,7 @@ def test_a_release_that_the_robot_agent_does_not_let_stand_says_what_has_to_be_d
 def test_the_same_stop_counted_on_by_others_is_released() -> None:
     robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
     robot.state()
-    robot.memory.hear(Stop(9, True, "somebody", 5), robot.now)
+    robot.memory.update(Stop(9, True, "somebody", 5), robot.now)
     robot.turns(30)
     assert robot.press.done
     assert robot.stop == Stop(10, False, BY, 5)

@@ -173,8 +173,8 @@ def test_news_of_the_link_survives_a_flood_of_bytes() -> None:
     device = host._devices[agent.instance]
     device._link(True, "")
     for _ in range(10 * CHUNKS):
-        device._take(b"x")
-    while (item := host.inbox.take(0)) is not None:
+        device._deliver(b"x")
+    while (item := host.inbox.get(0)) is not None:
         call, args = item
         call(*args)
     assert agent.seen == ["up ", *["x"] * CHUNKS]

@@ -304,6 +304,6 @@ def test_a_bell_that_was_rung_before_anybody_listens_is_heard() -> None:
     inbox = Inbox()
     inbox.ring()
     inbox.ring()
-    assert inbox.take(None) is None  # would wait for ever if the ring were lost
+    assert inbox.get(None) is None  # would wait for ever if the ring were lost
     inbox.put("test", lambda: None)
-    assert inbox.take(None) is not None
+    assert inbox.get(None) is not None

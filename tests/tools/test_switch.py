@@ -51,26 +51,26 @@ def sent(
 ) -> list[Arrival]:
     """Send so many frames over a link, and take what arrives in the end."""
     for n in range(count):
-        of.take(link[0], frame(link[1], n), n * each)
+        of.forward(link[0], frame(link[1], n), n * each)
     return drain(of)
 
 
 def test_a_whole_link_delivers_at_once_to_whom_it_is_addressed() -> None:
     of = switch()
-    of.take("lab1", frame("robot", 7), 1.5)
+    of.forward("lab1", frame("robot", 7), 1.5)
     assert drain(of) == [(1.5, "robot", frame("robot", 7))]
     assert of.next_due is None
 
 
 def test_what_is_for_all_goes_to_all_but_the_sender() -> None:
     of = switch()
-    of.take("lab1", b"\xff" * 6 + b"who has", 0.0)
+    of.forward("lab1", b"\xff" * 6 + b"who has", 0.0)
     assert sorted(host for _, host, _ in drain(of)) == ["lab2", "robot"]
 
 
 def test_nobody_hears_what_he_addresses_to_himself() -> None:
     of = switch()
-    of.take("lab1", frame("lab1"), 0.0)
+    of.forward("lab1", frame("lab1"), 0.0)
     assert drain(of) == []
 
 
@@ -121,10 +121,10 @@ def test_a_partition_leaves_what_else_is_wrong_with_a_link() -> None:
 def test_who_is_unplugged_hears_and_says_nothing_and_loses_what_was_on_its_way() -> None:
     of = switch()
     of.set([THERE], LinkFaults(delay=0.5))
-    of.take("lab2", frame("robot"), 0.0)
+    of.forward("lab2", frame("robot"), 0.0)
     of.plug("robot", False)
-    of.take("robot", frame("lab2"), 0.1)
-    of.take("lab1", frame("robot"), 0.1)
+    of.forward("robot", frame("lab2"), 0.1)
+    of.forward("lab1", frame("robot"), 0.1)
     assert drain(of) == []
     of.plug("robot", True)
     assert [host for _, host, _ in sent(of, 1, link=BACK)] == ["lab2"]

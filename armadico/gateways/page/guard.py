@@ -61,7 +61,7 @@ class Guard:
             raise GuardError(f"{address} is not this machine alone, so it needs a token")
         return cls(token or "", frozenset(name.lower() for name in names))
 
-    def look(self, host: str | None, origin: str | None) -> Refusal | None:
+    def refusal(self, host: str | None, origin: str | None) -> Refusal | None:
         """Whether a request comes from our own page, by its headers; None: it may.
 
         A program that is no browser has no origin; it could not be made to send this by a page.

@@ -97,7 +97,7 @@ class Robot:
         None: it cannot be read.
         """
         if not asked:
-            self.view.take(key, message, t)
+            self.view.update(key, message, t)
         elif message is not None:
             self.view.learn(message, t)
         match message:

@@ -78,7 +78,7 @@ class StopLatch(Part):
         pressed = self._pressed
         if pressed is None or not isinstance(message, RobotState):
             return
-        pressed.latching.hear(message, t)
+        pressed.latching.on_robot_state(message, t)
         if pressed.stopped:
             self._check_stop(pressed, message.stop)
         elif pressed.latching.done:
@@ -148,7 +148,7 @@ class StopLatch(Part):
             self._close(False, f"released, by {browser}")
         latching = Latching(stopped=False, by=browser, press=0)
         assert self.view.state is not None, "it reported the stop"
-        latching.hear(self.view.state, t)
+        latching.on_robot_state(self.view.state, t)
         self._pressed = _Pressed(latching, stop.press, False, since=t, repeat_at=t)
         self._pressed.requests.append((browser, request.id))
         self._press(self._pressed, t)

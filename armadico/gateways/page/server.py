@@ -146,7 +146,7 @@ class Server:
         found = self._browsers.get(browser)
         return found is not None and found.ready
 
-    def show(self, browser: str, data: bytes) -> None:
+    def send(self, browser: str, data: bytes) -> None:
         found = self._browsers.get(browser)
         if found is not None:
             found.ready = False
@@ -181,7 +181,7 @@ class Server:
     def _look(self, connection: ServerConnection, request: Request) -> Response | None:
         """Who may not come in is told why; files are for anybody who asks from here."""
         headers = request.headers
-        refusal = self._guard.look(_one(headers, "Host"), _one(headers, "Origin"))
+        refusal = self._guard.refusal(_one(headers, "Host"), _one(headers, "Origin"))
         path = request.path.partition("?")[0]
         if refusal is None and path in (SOCKET, ALLOWED):
             token = bearer(_one(headers, "Authorization"))

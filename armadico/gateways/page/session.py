@@ -46,7 +46,7 @@ class Browsers(Protocol):
     def ready(self, browser: str) -> bool:
         """Whether it has read what it was shown: who is slow is shown the newest only."""
 
-    def show(self, browser: str, data: bytes) -> None:
+    def send(self, browser: str, data: bytes) -> None:
         """Show it something, a JSON object."""
 
     def tell(self, browser: str, data: bytes) -> None:
@@ -98,7 +98,7 @@ class Session:
         now = self._time.now()
         end = now + timeout
         while (left := min(end, self._show_at) - now) > 0.0:
-            item = self._inbox.take(left)
+            item = self._inbox.get(left)
             if item is not None:
                 call, args = item
                 call(*args)
@@ -115,7 +115,7 @@ class Session:
                 self._tuned_at = now + TUNED_S
         if now >= self._show_at:
             self._show_at = now + TURN_S
-            self._show(now)
+            self._send_changes(now)
 
     def _came(self, browser: str) -> None:
         """It is shown at once what does not change, and the way that was driven."""
@@ -167,7 +167,7 @@ class Session:
         said = fault or f"{what.agent} is started beside the page"
         return Tell(what.browser, what.id, not fault, said)
 
-    def _show(self, now: float) -> None:
+    def _send_changes(self, now: float) -> None:
         """To each browser that has read the last what is otherwise since then."""
         if self.browsers is None or not self._shown:
             return
@@ -182,7 +182,7 @@ class Session:
             changed = {key: data for key, data in encoded.items() if shown.get(key) != data}
             if changed or now >= self._tick_at:  # a page that hears nothing says so
                 shown.update(changed)
-                self.browsers.show(browser, _state(changed, now))
+                self.browsers.send(browser, _state(changed, now))
         if now >= self._tick_at:
             self._tick_at = now + TICK_S
 

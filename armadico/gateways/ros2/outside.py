@@ -68,8 +68,8 @@ class SocietyNode:
         now = time.monotonic()
         if now - self._looked_at >= LOOK_S:
             self._looked_at = now
-            self._look()
-        frames = self._wire.take(0.0)
+            self._poll()
+        frames = self._wire.receive(0.0)
         return [Asked(topic, data, "cdr") for topic, data in frames[-BACKLOG:]]
 
     def _choose(self, others: Iterable[Endpoint]) -> None:
@@ -98,7 +98,7 @@ class SocietyNode:
             if own or not sample.channel.own:
                 self._wire.publish(sample.channel.topic, sample.data)
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         others = tuple(self._wire.others())
         self._choose(others)
         notes = {

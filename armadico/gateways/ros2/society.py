@@ -161,7 +161,7 @@ class Society:
 
     # Messages in, samples out ---------------------------------------------------------------------
 
-    def take(self, key: str, message: m.Message, at: int) -> Iterator[Sample]:
+    def translate(self, key: str, message: m.Message, at: int) -> Iterator[Sample]:
         for topic, sample in self._said(key, message, at):
             yield Sample(self._channels[topic], cdr.encode(sample))
 

@@ -42,7 +42,7 @@ class Live:
         self._alone: set[str] = set()
         self._dropped = 0
         for kind in SHOWN:
-            self._watcher.hear(service_of(kind).pattern)
+            self._watcher.subscribe(service_of(kind).pattern)
 
     def stop(self) -> None:
         """Have `run` return soon; may be called from a signal handler or another thread."""
@@ -52,12 +52,12 @@ class Live:
         """Draw what is received until `stop`, or until `ended` is true (checked each `TURN_S`)."""
         ask_at = turn_at = time.monotonic()
         while not self._stopping:
-            heard = self._watcher.take(TURN_S)
+            heard = self._watcher.get(TURN_S)
             at = self._watcher.clock() if heard is None else heard.at
             t = (at - self._began) / 1e9
             message = read_or_none(heard) if isinstance(heard, Heard) else None
             if heard is not None and message is not None:
-                self._scenes[heard.namespace].take(message, t)
+                self._scenes[heard.namespace].update(message, t)
             now = time.monotonic()
             if now >= ask_at:
                 ask_at = now + ASK_S

@@ -90,7 +90,7 @@ class Scene:
             m.BidHistory: lambda history, _t: self._utilities.take_history(history),
         }
 
-    def take(self, message: Message, t: float) -> None:
+    def update(self, message: Message, t: float) -> None:
         """Draw one message that was received at t (s); a message that is not shown is ignored."""
         taker = self._takers.get(type(message))
         if taker is not None:

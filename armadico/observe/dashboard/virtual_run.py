@@ -23,7 +23,7 @@ class Rehearsed:
         self._recording = keep({namespace: walls}, path)
         self._scene = Scene(self._recording, walls, namespace, zones)
         self._mesh = mesh
-        mesh.watch(lambda _key, message, now: self._scene.take(message, now), *SHOWN)
+        mesh.watch(lambda _key, message, now: self._scene.update(message, now), *SHOWN)
         mesh.call_at(mesh.now + ASK_S, self._ask)
 
     def __enter__(self) -> Rehearsed:
@@ -37,5 +37,5 @@ class Rehearsed:
         """Take each agent's recent bids, once a second, without a message on the mesh."""
         for node in self._mesh.nodes:
             if node.alive and not node.hung:
-                self._scene.take(node.agent.history(), self._mesh.now)
+                self._scene.update(node.agent.history(), self._mesh.now)
         self._mesh.call_at(self._mesh.now + ASK_S, self._ask)

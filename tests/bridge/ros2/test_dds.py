@@ -218,7 +218,7 @@ def test_another_type_is_no_matter_of_quality(domain) -> None:
         other.want([Wanted("cmd_vel", "geometry_msgs/msg/Twist")])
         (writer,) = ours._writers.values()
         while not writer.get_offered_incompatible_qos_status().total_count:
-            other.take(0.05)
+            other.receive(0.05)
         assert ours.complaints() == []
 
 

@@ -43,7 +43,7 @@ class Shown:
     def ready(self, browser: str) -> bool:
         return browser not in self.slow
 
-    def show(self, browser: str, data: bytes) -> None:
+    def send(self, browser: str, data: bytes) -> None:
         self.count += 1
         for robot, parts in json.loads(data)["robots"].items():
             self.parts.setdefault(robot, {}).update(parts)

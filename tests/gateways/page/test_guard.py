@@ -24,26 +24,26 @@ OPEN = Guard.of("0.0.0.0", TOKEN, ("Lab", "lab.local"))
     "host", ["127.0.0.1:8090", "localhost:8090", "localhost", "[::1]:8090", "192.168.1.5:1"]
 )
 def test_this_machine_may_be_asked_for_by_address_or_as_localhost(host: str) -> None:
-    assert HERE.look(host, None) is None
-    assert HERE.look(host, f"http://{host}") is None
+    assert HERE.refusal(host, None) is None
+    assert HERE.refusal(host, f"http://{host}") is None
 
 
 @pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example:8090", "", "[", "lab"])
 def test_by_another_name_it_is_refused_since_anybodys_name_may_lead_here(host: str) -> None:
-    refusal = HERE.look(host, f"http://{host}")
+    refusal = HERE.refusal(host, f"http://{host}")
     assert refusal is not None
     assert refusal.status == 403
     assert host in refusal.why
 
 
 def test_without_a_host_it_is_refused() -> None:
-    assert HERE.look(None, None) == Refusal(403, "this server is not called nothing")
+    assert HERE.refusal(None, None) == Refusal(403, "this server is not called nothing")
 
 
 def test_its_own_names_may_be_told() -> None:
-    assert OPEN.look("lab:8090", "http://lab:8090") is None
-    assert OPEN.look("LAB.local:8090", "https://lab.local:8090") is None
-    assert OPEN.look("labs:8090", None) is not None
+    assert OPEN.refusal("lab:8090", "http://lab:8090") is None
+    assert OPEN.refusal("LAB.local:8090", "https://lab.local:8090") is None
+    assert OPEN.refusal("labs:8090", None) is not None
 
 
 @pytest.mark.parametrize(
@@ -56,13 +56,13 @@ def test_its_own_names_may_be_told() -> None:
 def test_a_page_from_elsewhere_is_refused_one_of_this_machines_other_servers_too(
     origin: str,
 ) -> None:
-    refusal = HERE.look("127.0.0.1:8090", origin)
+    refusal = HERE.refusal("127.0.0.1:8090", origin)
     assert refusal is not None
     assert refusal.status == 403
 
 
 def test_what_is_repeated_of_a_stranger_is_short_and_printable() -> None:
-    refusal = HERE.look("\x1b[2J" + "x" * 1000, None)
+    refusal = HERE.refusal("\x1b[2J" + "x" * 1000, None)
     assert refusal is not None
     assert refusal.why.isprintable()
     assert len(refusal.why) < 120

@@ -34,7 +34,7 @@ class Wire:
         assert payload[:2] == b"\0\1"
         self.sent.append(topic)
 
-    def take(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> list[Frame]:
         assert timeout_s == 0.0
         frames, self.frames = self.frames, []
         return frames
@@ -65,7 +65,7 @@ class Stage:
 
     def say(self, *messages: m.Message) -> None:
         for message in messages:
-            for sample in self.society.take("", message, 1):
+            for sample in self.society.update("", message, 1):
                 self.outside.publish(sample, 1)
 
 

@@ -119,8 +119,8 @@ def test_of_nobody_nothing_is_known_and_that_is_said() -> None:
 
 def test_times_count_from_when_the_server_began() -> None:
     society = Society(None, {}, begun=1000.0)
-    society.take("robot/state", RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False), 1000.5)
-    society.take("robot/stop", Stop(1, True, "anna", 5), 1002.0)
+    society.update("robot/state", RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False), 1000.5)
+    society.update("robot/stop", Stop(1, True, "anna", 5), 1002.0)
     (event,) = society.history(1005.0, 40)["events"]
     assert event["ago"] == 3.0
     assert event["what"].startswith("At 2.00 s anna latched the stop.")

@@ -34,7 +34,7 @@ def test_it_greets_in_the_clients_version_if_it_speaks_that(version: str) -> Non
     lines = Lines("0.1")
     client = {"name": "a model\x1b[2J", "version": "3"}
     params = {"protocolVersion": version, "capabilities": {}, "clientInfo": client}
-    result = told(lines.take(said(method="initialize", params=params)))["result"]
+    result = told(lines.receive(said(method="initialize", params=params)))["result"]
     assert result["protocolVersion"] == (version if version in VERSIONS else VERSIONS[0])
     assert result["capabilities"] == {"tools": {}}
     assert result["serverInfo"]["name"] == "armadico"
@@ -54,38 +54,38 @@ def stateless(method: str, version: str = STATELESS, **params: object) -> bytes:
 
 def test_without_a_handshake_each_request_says_its_version() -> None:
     lines = Lines("0.1")
-    found = told(lines.take(stateless("server/discover")))["result"]
+    found = told(lines.receive(stateless("server/discover")))["result"]
     assert found["supportedVersions"] == [STATELESS]
     assert found["capabilities"] == {"tools": {}}
     assert (found["resultType"], found["cacheScope"]) == ("complete", "public")
     assert found["_meta"]["io.modelcontextprotocol/serverInfo"]["name"] == "armadico"
     assert lines.client == "a model"
-    listed = told(lines.take(stateless("tools/list")))["result"]
+    listed = told(lines.receive(stateless("tools/list")))["result"]
     assert [tool["name"] for tool in listed["tools"]] == list(TOOLS)
     assert (listed["resultType"], listed["ttlMs"] > 0) == ("complete", True)
-    call = lines.take(stateless("tools/call", name="where", arguments={}))
+    call = lines.receive(stateless("tools/call", name="where", arguments={}))
     assert isinstance(call, Call)
     result = told(answer(call, {"x": 1}))["result"]
     assert (result["structuredContent"], result["resultType"]) == ({"x": 1}, "complete")
     for removed in ("initialize", "ping"):
-        assert told(lines.take(stateless(removed)))["error"]["code"] == -32601
+        assert told(lines.receive(stateless(removed)))["error"]["code"] == -32601
 
 
 def test_a_version_that_is_not_spoken_is_refused_with_those_that_are() -> None:
-    error = told(Lines("0.1").take(stateless("tools/list", "2099-01-01")))["error"]
+    error = told(Lines("0.1").receive(stateless("tools/list", "2099-01-01")))["error"]
     assert error["code"] == -32022
     assert error["data"] == {"supported": [STATELESS], "requested": "2099-01-01"}
 
 
 def test_nothing_is_said_to_what_wants_no_answer() -> None:
     lines = Lines("0.1")
-    assert lines.take(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}\n') is None
-    assert lines.take(b'{"jsonrpc": "2.0", "id": 3, "result": {}}\n') is None
-    assert told(lines.take(said(method="ping"))) == {"jsonrpc": "2.0", "id": 7, "result": {}}
+    assert lines.receive(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}\n') is None
+    assert lines.receive(b'{"jsonrpc": "2.0", "id": 3, "result": {}}\n') is None
+    assert told(lines.receive(said(method="ping"))) == {"jsonrpc": "2.0", "id": 7, "result": {}}
 
 
 def test_every_tool_is_listed_with_a_schema_that_stands_by_itself() -> None:
-    tools = told(Lines("0.1").take(said(method="tools/list")))["result"]["tools"]
+    tools = told(Lines("0.1").receive(said(method="tools/list")))["result"]["tools"]
     assert [tool["name"] for tool in tools] == list(TOOLS)
     for tool in tools:
         assert tool["inputSchema"]["type"] == "object"
@@ -109,7 +109,7 @@ def test_a_call_has_its_arguments_as_a_line_that_a_message_may_carry(
     arguments: dict[str, object] | None, text: str
 ) -> None:
     params = {"name": "goto", "arguments": arguments}
-    call = Lines("0.1").take(said(method="tools/call", params=params))
+    call = Lines("0.1").receive(said(method="tools/call", params=params))
     assert call == Call(7, "goto", text)
     checked(AssistantRequest(call.tool, call.text))
     assert json.loads(call.text) == (arguments or {})
@@ -117,7 +117,7 @@ def test_a_call_has_its_arguments_as_a_line_that_a_message_may_carry(
 
 def test_whitespace_between_arguments_is_left_out() -> None:
     raw = b'{"jsonrpc":"2.0","id":"a","method":"tools/call","params":{"name":"stop",'
-    call = Lines("0.1").take(raw + b'"arguments": {\t"reason" :\r "a  b" }}}')
+    call = Lines("0.1").receive(raw + b'"arguments": {\t"reason" :\r "a  b" }}}')
     assert call == Call("a", "stop", '{"reason":"a  b"}')
 
 
@@ -156,10 +156,10 @@ def test_a_line_that_is_none_is_an_error_and_the_next_is_taken(
     line: bytes, code: int, number: int | None
 ) -> None:
     lines = Lines("0.1")
-    found = told(lines.take(line))
+    found = told(lines.receive(line))
     assert found["error"]["code"] == code
     assert found["id"] == number
-    assert "result" in told(lines.take(said(method="ping")))
+    assert "result" in told(lines.receive(said(method="ping")))
 
 
 JSON = st.recursive(
@@ -171,14 +171,14 @@ JSON = st.recursive(
 
 @given(st.binary() | JSON.map(lambda value: json.dumps(value).encode()))
 def test_no_line_ends_it(line: bytes) -> None:
-    found = Lines("0.1").take(line)
+    found = Lines("0.1").receive(line)
     assert found is None or "error" in told(found)
 
 
 @given(st.sampled_from(["tools/call", "initialize", "tools/list", "ping"]), JSON, JSON, JSON)
 def test_no_request_ends_it(method: str, number: object, name: object, arguments: object) -> None:
     params = {"name": name, "arguments": arguments, "protocolVersion": name, "clientInfo": number}
-    found = Lines("0.1").take(said(id=number, method=method, params=params))
+    found = Lines("0.1").receive(said(id=number, method=method, params=params))
     if isinstance(found, Call):
         try:
             checked(AssistantRequest(found.tool, found.text))

@@ -50,7 +50,7 @@ class Guest:
 class Deaf:
     """A watcher that hears nothing."""
 
-    def take(self, _: float) -> None:
+    def get(self, _: float) -> None:
         return None
 
     def ask_for_cards(self) -> None: ...

@@ -58,7 +58,7 @@ class BarnDrive(Drive):
         self.began: float | None = None  # when it had moved
         self.ended: float | None = None
         self.touched = False
-        self.rehearsal.mesh.watch(lambda _k, message, _t: self._look(message), Truth)
+        self.rehearsal.mesh.watch(lambda _k, message, _t: self._locate(message), Truth)
 
     @property
     def seconds(self) -> float:
@@ -87,7 +87,7 @@ class BarnDrive(Drive):
     def _over(self) -> bool:
         return self.ended is not None or self.seconds >= LIMIT_S
 
-    def _look(self, truth: Message) -> None:
+    def _locate(self, truth: Message) -> None:
         """One look at where the robot is."""
         assert isinstance(truth, Truth)
         now = self.rehearsal.mesh.now

@@ -106,7 +106,7 @@ class Drive:
         self.rehearsal = Rehearsal(self.scenario, self._options())
         self._taking = names(self.scenario, self._options().without)
         self.trace = Trace(self.rehearsal.watch)
-        self.rehearsal.mesh.watch(lambda _k, message, _t: self.trace.show(message), *Trace.kinds)
+        self.rehearsal.mesh.watch(lambda _k, message, _t: self.trace.update(message), *Trace.kinds)
         self.pose_errors: list[tuple[float, float]] = []  # m and rad, each cycle of the mission
         self.rehearsal.mesh.watch(lambda _k, message, _t: self._compare(message), Pose)
         self.refused = ""

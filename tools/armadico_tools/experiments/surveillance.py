@@ -148,7 +148,7 @@ class Watchman:
         self._at: tuple[float, float] | None = None
         self._touched = 0
         kinds = (Board, BatteryLevel, ChargeStatus, Truth, Photo, RobotState)
-        self.rehearsal.mesh.watch(self._take, *kinds)
+        self.rehearsal.mesh.watch(self._on_message, *kinds)
 
     def go(self) -> Day:
         """The whole day, and what was under way at its end."""
@@ -220,7 +220,7 @@ class Watchman:
         else:
             self.ordered.setdefault(reply.mission, None)
 
-    def _take(self, _key: str, message: Message, _now: float) -> None:
+    def _on_message(self, _key: str, message: Message, _now: float) -> None:
         match message:
             case Board():
                 self._board(message)

@@ -74,7 +74,7 @@ class Trace:
         self._obeyed = (0.0, 0.0)
         self._left: Tick | None = None  # where the last circle of STUCK_M was begun
 
-    def show(self, message: Message) -> None:
+    def update(self, message: Message) -> None:
         """Take one message of the run."""
         if isinstance(message, Truth):
             self._tick(message)

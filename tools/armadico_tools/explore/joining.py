@@ -133,7 +133,7 @@ class Joiners:
         admission.tenure = self._tenure(who)
         for _, other in admission.questions(self.now):
             self._ask(who, other)
-        stage = admission.look(self.now)
+        stage = admission.check(self.now)
         if stage in (Stage.CLAIMING, Stage.JOINED) and who not in self._shown:
             self._shown.add(who)
             for other in self._those:

@@ -525,7 +525,7 @@ class World:
         DRAWS.who = side.name
         contender, at = side.contender, now / SECOND
         if isinstance(message, Claim):
-            self._say(side, contender.hear(message, at), now)
+            self._say(side, contender.on_claim(message, at), now)
         elif isinstance(message, Cycle):
             contender.clock.advance(message, at)
         elif isinstance(message, Ack):
@@ -588,7 +588,7 @@ class World:
         if isinstance(message, Claim):
             if message.utility is None:
                 self._watch_release(owner, message)
-            if owner.hear(message):
+            if owner.on_claim(message):
                 self._rest()
             return
         command = cast("Command", message)

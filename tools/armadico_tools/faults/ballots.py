@@ -27,7 +27,7 @@ class OneDriver:
         self._obeyed: dict[int, Ballot] = {}  # the largest obeyed, by epoch
         self._largest: dict[int, Ballot] = {}
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
         """The ack, and each command obeyed where that can be seen."""
         if isinstance(seen, Obeyed):
             yield from self._rises(self._obeyed, seen.cycle.epoch, seen.ballot, "obeyed")
@@ -56,7 +56,7 @@ class Fresh:
 
     promise = Promise.FRESH
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """By each command obeyed, else by the acks from one cycle to the next."""
         if isinstance(seen, Obeyed) and now.state is not None:
             age, silent = now.age(seen.cycle), seen.at - now.state_at
@@ -96,7 +96,7 @@ class OneHolder:
         self._overlap_s = bounds.overlap_s
         self._reported: set[frozenset[Ballot]] = set()
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each claim: for how long two tenures have gone on, the network being whole."""
         if not isinstance(seen, Said) or not isinstance(seen.message, Claim):
             return

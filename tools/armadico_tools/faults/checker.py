@@ -39,7 +39,7 @@ class Watch(Protocol):
 
     promise: Promise
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """What is wrong, after this observation."""
 
 
@@ -95,22 +95,22 @@ class Checker:
         """Seconds in which it moved, by what voided contacts then."""
         return self._collision.moving_s
 
-    def take(self, seen: Observation) -> list[Violation]:
+    def update(self, seen: Observation) -> list[Violation]:
         """Take one observation; the promises that it breaks."""
-        self.record.take(seen)
+        self.record.update(seen)
         if seen.at != self.record.now:  # what comes late counts as coming now
             seen = replace(seen, at=self.record.now)
         found = [
             Violation(watch.promise, seen.at, text)
             for watch in self._watches
-            for text in watch.look(seen, self.record)
+            for text in watch.check(seen, self.record)
         ]
         self.violations += found
-        self.sights.take(seen, self.record)
+        self.sights.update(seen, self.record)
         return found
 
     def take_all(self, seen: Iterable[Observation]) -> list[Violation]:
         """Look at a recording; all that is broken in it."""
         for observation in seen:
-            self.take(observation)
+            self.update(observation)
         return self.violations

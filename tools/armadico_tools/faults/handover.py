@@ -95,7 +95,7 @@ class Exchanged:
         self._speeds: deque[Numbers] = deque(maxlen=FRESH_CYCLES + 2)
         self._near = inf  # the nearest thing that was published, m from the robot's edge at least
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the first claim of each tenure."""
         if isinstance(seen, Faulted) and seen.kind in STRANGE_CLAIMS:
             self._unseen.add(STRANGE_UTILITY)
@@ -181,7 +181,7 @@ class Replaced:
         self._hung = False  # who fell silent hangs
         self._quiet_at = 0.0  # when the last fault began or ended
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """From the fault on, until another is obeyed."""
         if isinstance(seen, Obeyed):
             holder = self._obeyed

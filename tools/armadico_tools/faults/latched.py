@@ -39,7 +39,7 @@ class Stopped:
         self._over: set[int] = set()  # presses that were released
         self._again_at: float | None = None  # since when one of those stops it
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At what is ordered, measured and published from the stop on."""
         if isinstance(seen, Said):
             message = seen.message

@@ -299,7 +299,7 @@ class RealSociety:
         while self._due and self._due[0].at <= now:
             item = heapq.heappop(self._due)
             item.act(item.at)
-        self.checker.take(Passed(now))
+        self.checker.update(Passed(now))
         self._keep_going()
 
     # What comes, on other threads ----------------------------------------------------------------
@@ -310,7 +310,7 @@ class RealSociety:
         def act(at: float) -> None:
             seen = make(at)
             if seen is not None:
-                self.checker.take(seen)
+                self.checker.update(seen)
 
         self._queue.put(_Item(time.monotonic() if at is None else at, act))
 

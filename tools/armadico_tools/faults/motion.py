@@ -66,14 +66,14 @@ class Silence:
         self._unheard: list[tuple[Ordered, Cycle | None]] = []  # and the newest cycle then
         self._obeyed: tuple[Command, Cycle | None] | None = None  # the last that was, likewise
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each order, and as time passes."""
         if isinstance(seen, Said) and isinstance(seen.message, Command):
-            self._hear(seen.message)
+            self._on_command(seen.message)
         elif isinstance(seen, Faulted) and now.deaf:
             self._unheard.clear()  # the cut may have taken what was just under way
         elif isinstance(seen, Ordered) and now.deaf and now.ack is not None and now.ack.obeyed:
-            self._hear(Command(WHEELS.name, now.ack.cycle, now.ack.obeyed, (seen.v, seen.w)))
+            self._on_command(Command(WHEELS.name, now.ack.cycle, now.ack.obeyed, (seen.v, seen.w)))
         last = self._order
         if now.void(self.promise):
             self._order = None
@@ -103,7 +103,7 @@ class Silence:
             self._rest_at = None
             yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
 
-    def _hear(self, command: Command) -> None:
+    def _on_command(self, command: Command) -> None:
         self._commands.append(command)
         self._unheard = [each for each in self._unheard if not _asks_for(command, *each)]
 
@@ -146,7 +146,7 @@ class Watchdog:
         self._due_s = bounds.watchdog_s + bounds.braking_s
         self._since: float | None = None
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the true speed, once it is time."""
         gone = now.befalls("robot", "crash", "hang")
         if not gone:
@@ -170,7 +170,7 @@ class Smooth:
         self._truth: tuple[float, Truth] | None = None
         self._touched_at = -inf
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         if isinstance(seen, Said) and isinstance(seen.message, Truth):
             if not now.void(self.promise):
                 yield from self._ramps(seen.at, seen.message)
@@ -206,7 +206,7 @@ class Collision:
         self.moving_s: dict[str, float] = {}
         self._truth: Truth | None = None
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the simulator's count of contacts."""
         if not isinstance(seen, Said) or not isinstance(seen.message, Truth):
             return
@@ -234,7 +234,7 @@ class Heading:
 
     promise = Promise.ODOMETRY
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """From one `robot/state` to the next of its epoch."""
         if not isinstance(seen, Said) or not isinstance(seen.message, RobotState):
             return

@@ -78,7 +78,7 @@ class Localized:
         self._epochs: set[int] = set()
         self._lost = False  # whoever has followed another robot has lost this one's origin
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each pose, by what has rolled until then."""
         if _cause(now):
             self._cause_at = seen.at

@@ -344,7 +344,7 @@ class Record:
     _again_at: float = -inf  # when a robot agent that was refused, and is not there, tries again
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
-    def take(self, seen: Observation) -> None:
+    def update(self, seen: Observation) -> None:
         """Take one observation. One that comes late counts as coming now."""
         if self.whole_since == inf and not self.active:
             self.whole_since = self.free_since = seen.at

@@ -37,7 +37,7 @@ class SomebodyObeyed:
         self._since = inf
         self._bid_at = -inf
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """As time passes: since when one has bid, and none was obeyed."""
         if now.bidders():
             self._bid_at = seen.at
@@ -73,7 +73,7 @@ class Moves:
         self._from: RobotState | None = None  # the last state before
         self.longest: float | None = None
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """As time passes, from the end of the last of what excused it."""
         if now.free_since == inf:
             self._healed = None
@@ -162,7 +162,7 @@ class Arrives:
         self._spoilt = False  # whether something has befallen the mission that goes on
         self._none_at: float | None = None  # since when it is not known
 
-    def look(self, seen: Observation, now: Record) -> Iterator[str]:
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each status of the mission, and as time passes."""
         if self._excused(now):
             self._spoilt, self._due = True, seen.at + self._bounds.arrives_s

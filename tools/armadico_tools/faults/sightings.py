@@ -81,7 +81,7 @@ class Sightings:
         self._touches = 0
         self._befallen = False  # whether a fault has befallen the mission that goes on
 
-    def take(self, seen: Observation, now: Record) -> None:
+    def update(self, seen: Observation, now: Record) -> None:
         """Look at one observation, after the situation has taken it in."""
         if isinstance(seen, Said):
             self._receive(seen, now)

@@ -109,7 +109,7 @@ class Workload:
         self.mesh.joined = self._joined
         for node in self.mesh.nodes:
             self._joined(node)
-        self._injector = VirtualInjector(self.rehearsal, self.show, case.variation)
+        self._injector = VirtualInjector(self.rehearsal, self.observe, case.variation)
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._asked = False
@@ -127,14 +127,14 @@ class Workload:
     def run(self, until: Promise | None = None) -> Outcome:
         """Drive to the end of the case, or until a promise is broken."""
         self._injector.schedule(self.case.faults)
-        self.mesh.call_at(1.0, self._look)
+        self.mesh.call_at(1.0, self._order)
         try:
             self.mesh.run(self.case.lasts, None if until is None else lambda: until in self._broken)
         except Exception:  # an agent that raises dies; here the run ends, and shows where
             lines = traceback.format_exc().strip().splitlines()
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
             self.error = (self.mesh.now, f"{lines[-1]} ({where})")
-        self.show(Passed(self.mesh.now))
+        self.observe(Passed(self.mesh.now))
         return self.outcome()
 
     def outcome(self) -> Outcome:
@@ -158,9 +158,9 @@ class Workload:
 
     # What the checker is shown -------------------------------------------------------------------
 
-    def show(self, seen: Observation) -> list[Violation]:
+    def observe(self, seen: Observation) -> list[Violation]:
         """Show the checker one observation."""
-        found = self.checker.take(seen)
+        found = self.checker.update(seen)
         self._broken.update(violation.promise for violation in found)
         return found
 
@@ -170,11 +170,11 @@ class Workload:
         cycle = getattr(message, "cycle", None)
         if cycle is not None and cycle.epoch in self._elsewhere:
             if isinstance(message, Pose):
-                self.show(Astray(now))
+                self.observe(Astray(now))
             return
         if isinstance(message, Claim) and message.utility is None:
             self._show_bids()  # whether who lets go bids on
-        self.show(Said(now, message))
+        self.observe(Said(now, message))
         if isinstance(message, MissionStatus):
             ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
             if not ended:  # a new interface agent publishes nothing of a mission that has ended
@@ -199,13 +199,13 @@ class Workload:
             there.add(agent.instance)
             if agent.bids and id(agent.bids[-1]) != self._looked.get(agent.instance):
                 self._looked[agent.instance] = id(agent.bids[-1])
-                self.show(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
+                self.observe(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
         for instance in [name for name in self._looked if name not in there]:
             del self._looked[instance]
-            self.show(Left(self.mesh.now, instance))
+            self.observe(Left(self.mesh.now, instance))
 
     def _refused(self, node: Node) -> None:
-        self.show(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
+        self.observe(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
         self._injector.refused(node)
 
     def _joined(self, node: Node) -> None:
@@ -215,11 +215,11 @@ class Workload:
         def disappears(_name: str, instance: str, _now: float) -> None:
             nodes = self.mesh.nodes
             if any(other.alive and other.agent.instance == instance for other in nodes):
-                self.show(Missed(self.mesh.now, instance))
+                self.observe(Missed(self.mesh.now, instance))
 
         def writes(data: bytes) -> None:
             for order in orders.feed(data, self.mesh.now):
-                self.show(order)
+                self.observe(order)
 
         def publishes(message: Message) -> None:
             if isinstance(message, RobotState):
@@ -236,9 +236,9 @@ class Workload:
 
     # Missions ------------------------------------------------------------------------------------
 
-    def _look(self, _a: Any = None, _b: Any = None) -> None:
+    def _order(self, _a: Any = None, _b: Any = None) -> None:
         """Send the robot on when it has arrived, or has no mission."""
-        self.mesh.call_at(self.mesh.now + LOOK_S, self._look)
+        self.mesh.call_at(self.mesh.now + LOOK_S, self._order)
         late = self.mesh.now - self._mission_at > MISSION_S
         if self._asked or (self._status is MissionState.DRIVING and not late):
             return
@@ -287,9 +287,9 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
     def tapped(command: Command, now: float, *, stopped: bool = False, fault: str = "") -> Verdict:
         verdict = judge(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.OBEYED:
-            workload.show(Obeyed(workload.mesh.now, command.ballot, command.cycle))
+            workload.observe(Obeyed(workload.mesh.now, command.ballot, command.cycle))
         elif verdict is not Verdict.RELEASED:
-            workload.show(Refused(workload.mesh.now, command.ballot, verdict.name))
+            workload.observe(Refused(workload.mesh.now, command.ballot, verdict.name))
         return verdict
 
     vars(owner)["judge"] = tapped

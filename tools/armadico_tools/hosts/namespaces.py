@@ -198,10 +198,10 @@ class Network:
                 ready = [key.data for key, _ in selector.select(wait)]
                 with self._lock:
                     for host in ready:
-                        self._take(host)
+                        self._address(host)
                     self._deliver()
 
-    def _take(self, host: Host | None) -> None:
+    def _address(self, host: Host | None) -> None:
         if host is None:
             os.read(self._bell[0], 4096)
             return
@@ -210,7 +210,7 @@ class Network:
                 frame = os.read(host.tap, _MTU + 64)
             except OSError:  # nothing more, or the card is down
                 return
-            self.switch.take(host.name, frame, time.monotonic())
+            self.switch.forward(host.name, frame, time.monotonic())
 
     def _deliver(self) -> None:
         for name, frame in self.switch.due(time.monotonic()):

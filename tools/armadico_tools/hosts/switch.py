@@ -65,7 +65,7 @@ class Switch:
 
     # Frames --------------------------------------------------------------------------------------
 
-    def take(self, host: str, frame: bytes, now: float) -> None:
+    def forward(self, host: str, frame: bytes, now: float) -> None:
         """Take a frame that a host sent; to one host if its address is known, else to all."""
         one = self._addresses.get(frame[:6])
         for target in (one,) if one is not None else self.hosts:
