@@ -191,7 +191,7 @@ def test_nothing_is_given_to_a_fleet_that_is_stopped() -> None:
     assert attached.band.mesh.now < 10.0, "at once"
     attached.stop("f/r1", stopped=False)
     attached.band.mesh.run(attached.band.mesh.now + 5.0)
-    assert attached.band.fleet("f/r1").sharing is None, "there is no list"
+    assert attached.band.fleet("f/r1").work is None, "there is no list"
 
 
 def test_a_fleet_that_works_on_a_list_refuses_and_is_left_to_it() -> None:
@@ -224,6 +224,6 @@ def test_who_does_not_answer_is_not_asked_for_ever() -> None:
         attached.band.kill("f/r1")
         fleet.begin()
         assert attached.heard("no fleet agent takes the list of tasks (namespace 'f/r1')")
-    sharing = attached.band.fleet("f/r2").sharing
-    assert sharing is not None
-    assert len(sharing.open) == 6
+    work = attached.band.fleet("f/r2").work
+    assert work is not None
+    assert len(work.sharing.open) == 6

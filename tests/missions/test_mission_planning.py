@@ -169,7 +169,7 @@ def test_who_watches_a_mission_no_longer_says_that_it_is_still_on_the_board() ->
     session = VirtualSession(building.mesh)
     scenario = building.rehearsal.scenario
     with AttachedRun(scenario, Options(limit=3.0), session) as run:
-        run.tell(said.append)
+        run.report_to(said.append)
         assert run.run().done is False
     number = run.watch.mission
     assert building.mission(number).state is MissionEnd.ACTIVE
