@@ -622,7 +622,7 @@ class Strays(RuleBasedStateMachine):
         if who is None:
             self.say(message)
         else:
-            self.peers[who].hear(message, self.now)
+            self.peers[who].update(message, self.now)
 
     @rule(who=st.integers(0, PEERS - 1))
     def restart(self, who: int) -> None:

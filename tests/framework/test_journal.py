@@ -100,7 +100,7 @@ def test_it_wakes_to_publish_and_its_agent_is_not_woken_for_that() -> None:
     assert [type(o.message) for o in out if isinstance(o, Publish)] == [Log]
     assert driver.wakeup == 10.0 + j.EVERY_S
     driver.wake(10.0 + j.EVERY_S)
-    assert [piece.number for piece in said(driver.take())] == [1]
+    assert [piece.number for piece in said(driver.drain())] == [1]
 
 
 def test_its_beginning_is_published_as_soon_as_it_can_be_seen() -> None:
