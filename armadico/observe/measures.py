@@ -158,6 +158,15 @@ def speeds(command: Command) -> tuple[float, float]:
     return action[0], action[1]
 
 
+class _Origin(NamedTuple):
+    """Where and when a run began, and what was so then."""
+
+    t: float
+    at: Pose2
+    controller: str
+    collisions: int
+
+
 @dataclass
 class RunWatch:
     """Watches one run: say `begin` when the mission is taken on, then show it every message."""
@@ -183,12 +192,9 @@ class RunWatch:
     distance: float = 0.0
     exchanges: int = 0
     clearance: float | None = None
-    start: Pose2 | None = None
     _cycles: dict[str, int] = field(default_factory=dict)
     _last_holder: str | None = None
-    _collisions_before: int = 0
-    _controller: str = ""
-    _began: float | None = None
+    _origin: _Origin | None = None
     _true: bool = False  # by the truth
     _reported: bool = False  # a status of this run's mission has been received
 
@@ -229,9 +235,14 @@ class RunWatch:
     @property
     def elapsed(self) -> float:
         """TT so far, s."""
-        if self._began is None or not self.path:
+        if self._origin is None or not self.path:
             return 0.0
-        return self.path[-1].t - self._began
+        return self.path[-1].t - self._origin.t
+
+    @property
+    def start(self) -> Pose2 | None:
+        """The pose at which the run began; None before."""
+        return None if self._origin is None else self._origin.at
 
     @property
     def here(self) -> Pose2 | None:
@@ -242,8 +253,8 @@ class RunWatch:
     @property
     def mixed(self) -> str:
         """Another robot's controller, if one has taken this one's place since the run began."""
-        now = self.view.controller
-        return now if self._began is not None and now != self._controller else ""  # "": unknown
+        now, origin = self.view.controller, self._origin
+        return now if origin is not None and now != origin.controller else ""  # "": unknown
 
     @property
     def astray(self) -> tuple[float, float] | None:
@@ -259,6 +270,7 @@ class RunWatch:
         """The row, as far as the run has come."""
         reached, off, p = self._by_the_goal()
         truth = self.view.truth
+        collisions = 0 if self._origin is None else self._origin.collisions
         return Result(
             scenario=self.scenario,
             seed=self.seed,
@@ -272,7 +284,7 @@ class RunWatch:
                 for name, cycles in sorted(self._cycles.items())
             },
             exchanges=self.exchanges,
-            collisions=_own(truth) - self._collisions_before if truth else None,
+            collisions=_own(truth) - collisions if truth else None,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
             limit_s=self.limit,
             conditions=self.conditions,
@@ -299,7 +311,7 @@ class RunWatch:
         if truth is not self.view.truth:
             return  # another simulator's
         if not self._true:  # what was known before is by the encoders, and by another clock
-            self._true, self._began, self.distance = True, None, 0.0
+            self._true, self._origin, self.distance = True, None, 0.0
             self.path.clear()
         self._mark(truth.t, (truth.x, truth.y, truth.theta))
         if truth.clearance is not None:
@@ -311,9 +323,9 @@ class RunWatch:
             self._mark(self.now, (pose.x, pose.y, pose.theta))
 
     def _mark(self, t: float, at: Pose2) -> None:
-        if self._began is None:
-            self._began, self.start, self._controller = t, at, self.view.controller
-            self._collisions_before = _own(truth) if (truth := self.view.truth) else 0
+        if self._origin is None:
+            collisions = _own(truth) if (truth := self.view.truth) else 0
+            self._origin = _Origin(t, at, self.view.controller, collisions)
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
         self.path.append(Mark(t, *at, self.holder))
