@@ -104,7 +104,7 @@ class Stage:
         return Viewer(self._stack.enter_context(made))
 
     def say(self, message: m.Message) -> None:
-        for sample in self.society.update("", message, NOW):
+        for sample in self.society.translate("", message, NOW):
             self.outside.publish(sample, NOW)
 
 

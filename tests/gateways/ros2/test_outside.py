@@ -65,7 +65,7 @@ class Stage:
 
     def say(self, *messages: m.Message) -> None:
         for message in messages:
-            for sample in self.society.update("", message, 1):
+            for sample in self.society.translate("", message, 1):
                 self.outside.publish(sample, 1)
 
 

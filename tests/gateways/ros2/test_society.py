@@ -55,7 +55,7 @@ def said(society: Society, *messages: m.Message, at: int = NOW) -> dict[str, lis
     found: dict[str, list[IdlStruct]] = {}
     for message in messages:
         key = type(message).__name__.lower()
-        for channel, data in society.update(key, message, at):
+        for channel, data in society.translate(key, message, at):
             found.setdefault(channel.topic, []).append(cdr.decode(kinds[channel.schema], data))
     return found
 
@@ -253,13 +253,13 @@ def test_obstacles_are_points_in_the_body_frame() -> None:
 def test_obstacles_of_several_sensors_are_one_cloud() -> None:
     society = Society()
     near = Obstacles(cycle(5), None, None, None, None, (m.Point(1, 0),))
-    list(society.update("laser/obstacles", near, NOW))
+    list(society.translate("laser/obstacles", near, NOW))
 
     def width(number: int) -> int:
         other = Obstacles(cycle(number), None, None, None, None, (m.Point(2, 0),))
         found = [
             s
-            for s in society.update("sonar/obstacles", other, NOW)
+            for s in society.translate("sonar/obstacles", other, NOW)
             if s.channel.topic == "/obstacles"
         ]
         return cdr.decode(types.PointCloud2, found[0].data).width
@@ -412,7 +412,7 @@ def test_what_a_robot_of_ros2_says_by_itself_is_told_from_the_rest() -> None:
     assert own == {"/tf", "/tf_static", "/odom", "/scan", "/sonar", "/battery_state"}
     society = Society()
     samples = [
-        s for said in (state(), Pose(cycle(), 0, 0, 0)) for s in society.update("", said, NOW)
+        s for said in (state(), Pose(cycle(), 0, 0, 0)) for s in society.translate("", said, NOW)
     ]
     corrected = {
         transform.child_frame_id

@@ -78,7 +78,7 @@ class Stage:
 
     def say(self, *messages: m.Message) -> None:
         for message in messages:
-            for sample in self.society.update("", message, AT):
+            for sample in self.society.translate("", message, AT):
                 self.outside.publish(sample, AT)
 
     def turn(self) -> None:

@@ -50,7 +50,7 @@ def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wi
         cycle = m.Cycle(7, number)
         state = m.RobotState(cycle, 1, 2, 0.5, 0.4, -0.2, 12.5, True, False)
         for message in (state, Pose(cycle, 4, 3, 0)):
-            for sample in society.update("", message, number):
+            for sample in society.translate("", message, number):
                 outside.publish(sample, number)
         if number == 10:  # the map has been said, once
             viewer.want(
