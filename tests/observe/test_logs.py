@@ -242,7 +242,7 @@ def test_one_pose_that_is_no_number_does_not_make_a_log_of_one_path_one_of_two(
     log = logs.read(carmen(tmp_path / "a.log", lines(poses, poses)))
     assert len(log) == 126
     assert not log.known.any()
-    assert log.notes == ("1 lines could not be read",)
+    assert log.notes == ("1 lines could not be read, the first of them line 9",)
 
 
 def test_robotlaser_lines_bring_their_own_angles(tmp_path: Path) -> None:
@@ -291,7 +291,7 @@ def test_odometry_lines_count_where_scans_have_no_pose(tmp_path: Path) -> None:
     ]
     log = logs.read(carmen(tmp_path / "b.log", [*lines(still, still), "ODOM nan " * 8, *beside]))
     assert log.odometry[50, :2] == pytest.approx(poses[50][:2], abs=1e-5)
-    assert log.notes == ("1 lines could not be read",)
+    assert log.notes == ("1 lines could not be read, the first of them line 129",)
     half = logs.read(carmen(tmp_path / "c.log", [*lines(still, still), *beside[:60]]))
     assert len(half) == 62  # two within a second of the last
     assert half.notes == ("65 of 127 scans are earlier or later than all ODOM lines",)
