@@ -228,11 +228,6 @@ def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]
     """How many loops contradict the reference, and how many of these are on."""
     if not slam.loops:
         return 0, 0
-    weights = [
-        weight
-        for weight, edge in zip(slam.graph.weights, slam.graph.edges, strict=True)
-        if edge.loop
-    ]
     numbers = np.array(slam.numbers)
     starts = reference[numbers[[loop.start for loop in slam.loops]]]
     ends = reference[numbers[[loop.end for loop in slam.loops]]]
@@ -242,7 +237,7 @@ def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]
         return None, None
     with np.errstate(invalid="ignore"):
         false = (np.hypot(off[:, 0], off[:, 1]) > FALSE_M) | (np.abs(off[:, 2]) > FALSE_RAD)
-    on = np.array(weights) > ON
+    on = slam.loop_weights > ON
     return int(np.count_nonzero(false)), int(np.count_nonzero(false & on))
 
 

@@ -106,7 +106,6 @@ class Slam:
         self._at: Floats | None = None  # odometry of the newest key scan
         self._t = -np.inf
         self._inliers = 1.0
-        self.through: list[tuple[int, float, float]] = []
         self._begin = 0  # first key scan of the present local map
         self._doubtful: list[int] = []  # newest key scans without a match on the map before
         self._loop_way = 0.0
@@ -121,11 +120,16 @@ class Slam:
         return len(self.poses) >= self.parameters.maximum_key_scans
 
     @property
+    def loop_weights(self) -> Floats:
+        """Of each loop after the newest optimisation: 1 counts, near 0 is switched off."""
+        weights = self.graph.weights  # edges that are newer have none
+        loop = [edge.loop for edge in self.graph.edges[: len(weights)]]
+        return np.asarray(weights[np.array(loop, dtype=np.bool_)])
+
+    @property
     def loops_off(self) -> int:
         """Loops that the graph has switched off, since others contradict them."""
-        weights = self.graph.weights
-        loop = [edge.loop for edge in self.graph.edges[: len(weights)]]
-        return int(np.count_nonzero(weights[np.array(loop, dtype=np.bool_)] < 0.5))
+        return int(np.count_nonzero(self.loop_weights < 0.5))
 
     @property
     def uncertain(self) -> str:
@@ -291,7 +295,6 @@ class Slam:
             return False
         back = relative(match.pose, np.zeros(3))
         through = seen_through(cloud, transformed(back, near.points), origin)
-        self.through.append((len(self.poses) - 1, match.inliers, through))
         return through > p.lost_through
 
     def _keep(self, pose: Floats, way: float, cloud: PointCloud, number: int) -> None:

@@ -35,10 +35,7 @@ def picture(cells: Cells, slam: Slam) -> Image.Image:
     draw = ImageDraw.Draw(image)
     if len(spots) > 1:
         draw.line(spots, fill=PATH, width=2)
-    weights = [
-        w for w, edge in zip(slam.graph.weights, slam.graph.edges, strict=False) if edge.loop
-    ]
-    for loop, weight in zip(slam.loops, weights, strict=False):
+    for loop, weight in zip(slam.loops, slam.loop_weights, strict=True):
         ends = [spots[loop.start], spots[loop.end]]
         draw.line(ends, fill=LOOP if weight > 0.5 else OFF, width=1)
     x, y = spots[0]

@@ -39,6 +39,14 @@ def test_a_drift_of_metres_becomes_centimetres_and_the_map_is_the_same_twice() -
     assert updates[-1].revision <= slam.revision
 
 
+def test_the_way_goes_on_after_the_last_loop() -> None:
+    slam, _ = mapped(ring(), PATH[:120], drifted(PATH[:120], 0.05, 1))
+    slam.graph.add(slam.graph.edges[0])
+    assert len(slam.loop_weights) == len(slam.loops) > 0
+    assert slam.loops_off == 0
+    assert not false_loops(slam, PATH)
+
+
 def test_loops_do_it() -> None:
     odometry = drifted(PATH, 0.1, 2)
     alone, _ = mapped(ring(), PATH, odometry, SlamParameters(do_loop_closing=False))

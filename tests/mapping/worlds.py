@@ -140,9 +140,8 @@ def off(slam: Slam, path: Floats) -> NDArray[np.float64]:
 def false_loops(slam: Slam, path: Floats) -> list[float]:
     """The weights of the loops that are more than 0.5 m from the truth."""
     numbers = np.array(slam.numbers)
-    weights = [w for w, edge in zip(slam.graph.weights, slam.graph.edges, strict=True) if edge.loop]
     found = []
-    for loop, weight in zip(slam.loops, weights, strict=True):
+    for loop, weight in zip(slam.loops, slam.loop_weights, strict=True):
         truth = relative(path[numbers[loop.start]], path[numbers[loop.end]])
         if hypot(*(truth - loop.pose)[:2]) > 0.5:
             found.append(float(weight))
