@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from math import cos, pi, sin
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,13 @@ import numpy as np
 import pytest
 
 from armadico import cli
+from armadico.agents.mapping.run import mapped
+from armadico.agents.mapping.slam import SlamParameters
 from armadico.config import grid_map
 from armadico.config.writing import write_files
+from armadico.core.messages import Cycle
+from armadico.mobile.messages import Sonar
+from armadico.observe import logs
 from tests.observe import made_logs
 
 POSES = made_logs.driven()[:60]
@@ -104,6 +111,13 @@ def test_no_log_no_odometry_no_laser(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert f"{still}: holds no odometry" in refused(capsys, still)
     (tmp_path / "folder").mkdir()
     assert "expected a file" in refused(capsys, tmp_path / "folder")
+
+
+def test_a_log_of_sonars_is_refused(log: Path) -> None:
+    read = logs.read(log)
+    sonars = logs.Recorded(tuple(Sonar(Cycle(1, k), 3.0, ()) for k in range(len(read))))
+    with pytest.raises(logs.LogError, match="expected scans of a laser"):
+        mapped(replace(read, readings=sonars), SlamParameters(), time.process_time)
 
 
 def test_a_line_that_cannot_be_read_is_named(
