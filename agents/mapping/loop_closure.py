@@ -11,7 +11,7 @@ kernel of the pose graph switches it off.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import hypot
@@ -88,9 +88,11 @@ class Refusal(Enum):
 
 
 class Trajectory(Protocol):
-    """The key scans of a map."""
+    """The key scans of a map; those beyond the poses are not used."""
 
-    poses: Floats  # (n, 3)
+    @property
+    def poses(self) -> Floats:
+        """The poses (n, 3)."""
 
     @property
     def way(self) -> Sequence[float]:
@@ -123,19 +125,22 @@ class LoopCloser:
 
     def find(self, track: Trajectory, radius: float) -> list[Loop]:
         """The loops of the newest scan that are accepted now, with those that they support."""
-        found: list[Loop] = []
+        return [loop for found in self.finding(track, radius) for loop in found]
+
+    def finding(self, track: Trajectory, radius: float) -> Iterator[list[Loop]]:
+        """Yield the loops of `find` place by place."""
         for near in self._places(track, radius):
             loop = self._matched(track, near, radius)
             if isinstance(loop, Refusal):
                 self.refused[loop] += 1
+                yield []
             else:
-                found += self._supported(track, loop)
-        return found
+                yield self._supported(track, loop)
 
     def _places(self, track: Trajectory, radius: float) -> list[int]:
         """The nearest earlier scan of each visit, by place and a little by heading."""
         p, newest = self.parameters, len(track.poses) - 1
-        way, here = np.asarray(track.way), track.poses[newest]
+        way, here = np.asarray(track.way[: newest + 1]), track.poses[newest]
         old = np.flatnonzero(way[newest] - way > p.loop_minimum_way)
         away = np.hypot(*(track.poses[old, :2] - here[:2]).T)
         old, away = old[away < radius], away[away < radius]

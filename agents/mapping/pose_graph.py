@@ -11,6 +11,7 @@ neighbouring levels, so the matrix is block tridiagonal and is factorised block 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
@@ -88,11 +89,17 @@ class PoseGraph:
 
         Raises ValueError for an edge to a pose that there is not, or if the graph is not connected.
         """
+        *_, found = self.optimising(poses)
+        return found
+
+    def optimising(self, poses: Floats) -> Iterator[Floats]:
+        """Yield the poses after each round of `optimise`; edges may be added meanwhile."""
         p, count = self.parameters, len(poses)
         found = np.array(poses, dtype=np.float64)
         if not self.edges or count < 2:
             self.weights = np.ones(len(self.edges))
-            return found
+            yield found
+            return
         terms = _Terms.of(self.edges)
         if max(terms.start.max(), terms.end.max()) >= count:
             raise ValueError(f"an edge to a pose beyond the {count} that there are")
@@ -110,9 +117,10 @@ class PoseGraph:
             if np.abs(step).max() < p.step or abs(before - cost) < p.gain * max(1.0, cost):
                 break
             before = cost
+            yield found
         chi2 = terms.chi2(terms.errors(found))
         self.weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
-        return found
+        yield found
 
     def chi2(self, poses: Floats) -> Floats:
         """The squared error of each edge, in standard deviations."""

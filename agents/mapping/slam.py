@@ -7,7 +7,7 @@ the `revision` of the map grows. Both are deterministic and hold no clock and no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import hypot, pi
 from typing import Final, NamedTuple
@@ -82,6 +82,14 @@ class Update(NamedTuple):
     key: bool  # whether the scan was added to the map
     inliers: float  # share of the points of the newest key scan that fit
     revision: int  # of the map that the pose belongs to
+
+
+class _Track(NamedTuple):
+    """Key scans as they were when a search for loops began."""
+
+    poses: Floats
+    way: Sequence[float]
+    clouds: Sequence[PointCloud]
 
 
 class Slam:
@@ -308,13 +316,27 @@ class Slam:
 
     def close_loops(self) -> bool:
         """Search loops of the newest key scan; whether poses moved and the revision grew."""
+        poses = [*self.closing_loops()][-1:]
+        if not poses or poses[0] is None:
+            return False
+        self.adopt(poses[0])
+        return True
+
+    def closing_loops(self) -> Iterator[Floats | None]:
+        """Do the work of `close_loops` in slices, for a cycle each; scans may be added meanwhile.
+
+        If the last slice yields poses, they fit the graph, and `adopt` takes them over.
+        """
         p, count = self.parameters, len(self.poses)
         if not p.do_loop_closing or count < 2 or self._searched == count:
-            return False
+            return
         self._searched = count
         deviation = float(np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1]))
         radius = self.closer.radius(deviation, self.way[-1] - self._loop_way)
-        found = self.closer.find(self, radius)
+        found: list[Loop] = []
+        for loops in self.closer.finding(_Track(self.poses, self.way, self.clouds), radius):
+            found += loops
+            yield None
         for loop in found:
             self.loops.append(loop)
             self.graph.add(Edge(loop.start, loop.end, loop.pose, loop.information, loop=True))
@@ -324,14 +346,25 @@ class Slam:
         self._moving |= any(loop.moved >= p.loops.loop_near for loop in found)
         due = self._moving and count - self._optimised >= p.optimize_at_least
         if self._new_loops and (due or count % p.optimize_every_n_nodes == 0):
-            self._optimise()
-            return True
-        return False
+            poses = self.poses
+            self._new_loops, self._moving, self._optimised = 0, False, len(poses)
+            for optimised in self.graph.optimising(poses):
+                poses = optimised
+                yield None
+            yield poses
+
+    def adopt(self, poses: Floats) -> None:
+        """Take over optimised poses; later key scans keep their place beside the newest of them."""
+        count = len(poses)
+        step = relative(self.poses[count - 1], self.poses[count:])
+        self.poses = np.vstack([poses, compose(poses[-1], step)])
+        self.revision += 1
 
     def finish(self) -> bool:
         """Optimise once more if there are new loops; whether the revision grew."""
         if self._new_loops:
-            self._optimise()
+            self._new_loops, self._moving, self._optimised = 0, False, len(self.poses)
+            self.adopt(self.graph.optimise(self.poses))
             return True
         return False
 
@@ -340,8 +373,3 @@ class Slam:
         self._loop_way = self.way[loop.end]
         turn = rotation(self.poses[loop.start, 2])
         self._covariance = turn @ np.linalg.inv(loop.information) @ turn.T
-
-    def _optimise(self) -> None:
-        self.poses = self.graph.optimise(self.poses)
-        self._new_loops, self._moving, self._optimised = 0, False, len(self.poses)
-        self.revision += 1
