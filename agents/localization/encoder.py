@@ -82,6 +82,7 @@ class Encoder(Agent):
         self._unsaid = False  # the origin was given up, or leapt, since it was published
         self._waited = 0  # cycles without an origin
         self._correction: Correction | None = None
+        self._revision = 0  # of the map that the origin belongs to
         self._covariance: tuple[float, ...] = ()
         self._told_at = 0, 0  # the newest cycle, epoch and number, at the last initial pose
 
@@ -152,8 +153,11 @@ class Encoder(Agent):
         if off > LEAP_M or abs(turned) > LEAP_RAD:
             self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
             share, self._unsaid = 1.0, True
+        elif to.revision != self._revision:  # the pose must lie on the map of its time
+            share, self._unsaid = 1.0, True
         else:
             share = min(1.0, CREEP_M / max(off, 1e-9), CREEP_RAD / max(abs(turned), 1e-9))
+        self._revision = to.revision
         place = (
             here[0] + share * (there[0] - here[0]),
             here[1] + share * (there[1] - here[1]),

@@ -81,6 +81,7 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
+        self._revision = 0  # of the map
         self._within = (0.0, 0.0, 0.0, 0.0)
         self._home = Waypoint(0.0, 0.0, 0.0)
         self._places = self._failures = 0
@@ -129,11 +130,12 @@ class Explore(Agent):
             self.log(f"mapping/grid: {error}", WARNING)
             return
         self._map_at = self.now
+        moved, self._revision = grid.revision != self._revision, grid.revision
         self._known = self._cells.area(FREE)
         if not self._at_work or self._order.pending or self._paused:
             return
         chart = Chart(self._cells, self._within)
-        if self._target is None or not self._worth(chart, self._target):
+        if moved or self._target is None or not self._worth(chart, self._target):
             self._go_on(chart)
 
     def on_mission_status(self, status: MissionStatus) -> None:

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
 
 EXAMPLES: Final = """\
-  armadico explore house --virtual --seed 7             in one process, repeatable
-  armadico explore house --virtual --map house.yaml     and keep the map, as a map_server's
-  armadico explore rooms-a --dashboard                  live, with the map as it grows
-  armadico explore --world plan.map --start 1 1 0 --within 0 0 8 6
-  armadico explore house --virtual --resume house.yaml  go on with a map that was saved
-  armadico explore my.toml --attach --hosts lab.toml    the society is up already
+  armadico explore house --profile jackal --virtual --seed 7    in one process, repeatable
+  armadico explore house --profile jackal --virtual --map house.yaml
+  armadico explore rooms-a --profile turtlebot3-burger --dashboard
+  armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
+  armadico explore house --sensors ideal --virtual      by sonars, without errors
+  armadico explore my.toml --attach --hosts lab.toml    in a running society
 """
 
 
@@ -47,6 +47,7 @@ def run(args: Options) -> int:
         if args.resume is not None:
             args = replace(args, resume=str(Path(args.resume).resolve()))
         scenario, chosen = choose(args, somewhere=False)
+        _check_sensors(args, scenario)
         return drive(args, exploring(scenario, args.within), chosen)
 
 
@@ -76,6 +77,24 @@ def _check(args: Options) -> None:
             raise FailedError(f"cannot write {args.map}: {error.strerror}") from None
 
 
+def _check_sensors(args: Options, scenario: Scenario) -> None:
+    """Raises UsageError for a robot that cannot map with its sensors."""
+    from armadico.config.scenarios import slams, society
+
+    if args.attach or scenario.sensors == society().ideal.sensors:
+        return
+    if not slams(scenario.robot):
+        raise UsageError(
+            f"{scenario.name}: {scenario.robot} has no laser, and sonars are too ambiguous"
+            " to map by while the odometry drifts; choose a robot with a laser (--profile jackal)"
+            " or sensors without error (--sensors ideal)"
+        )
+    if args.resume is not None:
+        raise UsageError(
+            "--resume continues a map at the pose of the odometry: it needs --sensors ideal"
+        )
+
+
 def exploration(scenario: Scenario) -> ExploreRequest:
     """What sends the robot off to explore a scenario's world, of which it knows the bounds only."""
     from armadico.agents.missions.messages import ExploreRequest
@@ -92,9 +111,9 @@ main: Final = Command(
     Options,
     run,
     "Drive to one frontier of the map after another until nothing is unknown that can be"
-    " reached, in a world that no agent is told, and then back. The agents mapping and explore"
-    " take part, path-planning does not. The pose is believed as it is: with an odometry that"
-    " drifts the map drifts, too.",
+    " reached, in a world that no agent is told, and then back. A robot with a laser makes the map"
+    " by SLAM (agent slam). With --sensors ideal the agent mapping makes it at the pose of the"
+    " odometry, also by sonars.",
     EXAMPLES,
     refused,
 )

@@ -89,7 +89,7 @@ NOTHING: Final = Cells(0.0, 0.0, 0.05, np.zeros((0, 0), dtype=np.uint8))
 """A grid without cells."""
 
 
-def message_of(cells: Cells) -> OccupancyGrid:
+def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
     """The grid as a message, in larger cells if it does not fit otherwise."""
     while (
         cells.states.size > CELLS_MOST
@@ -97,7 +97,7 @@ def message_of(cells: Cells) -> OccupancyGrid:
     ):
         cells = coarser(cells)
     rows, columns = cells.states.shape
-    return OccupancyGrid(cells.x, cells.y, cells.cell_m, rows, columns, packed)
+    return OccupancyGrid(cells.x, cells.y, cells.cell_m, rows, columns, packed, revision)
 
 
 def cells_of(message: OccupancyGrid) -> Cells:

@@ -81,6 +81,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     senses: Senses
     ideal: Ideal
     exploring: Exploring
+    slam: Exploring
     missions: OnMissions
 
 
@@ -283,14 +284,32 @@ def with_sensors(scenario: Scenario, sensors: str, keeping: Sequence[str] = ()) 
     return replace(scenario, sensors=known_sensors(sensors), agents=agents)
 
 
+def slams(robot: str) -> bool:
+    """Whether a robot can map with sensors that have errors: it needs a laser."""
+    return load_profile(robot).laser is not None
+
+
+def with_slam(agents: Sequence[str]) -> tuple[str, ...]:
+    """The agents, with slam in place of those whose messages it publishes."""
+    changes = society().slam
+    others = (name for name in agents if name not in changes.without + changes.besides)
+    return (*others, *changes.besides)
+
+
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
     """The scenario with a robot that is told nothing of the world, maps it and comes back.
 
-    Nobody localizes on a map in the making, so the map is as good as the odometry: ideal.
+    A robot with a laser localizes on the map that it makes. Without one the map is as good as the
+    odometry, so sensors are ideal.
     """
-    changes, scenario = society().exploring, ideal(scenario)
+    changes = society().exploring
+    by_slam = scenario.sensors != society().ideal.sensors and slams(scenario.robot)
+    if not by_slam:
+        scenario = ideal(scenario)
     others = (name for name in scenario.agents if name not in changes.without + changes.besides)
     agents = (*others, *changes.besides)
+    if by_slam:
+        agents = with_slam(agents)
     title = f"{scenario.name}: explored from here, and back"
     changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
     return changed if within is None else replace(changed, within=tuple(within))

@@ -9,7 +9,7 @@ what is not finite, out of range or of another shape; nobody downstream checks a
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Any, Final, NoReturn, TypeVar
+from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar
 
 import cbor2
 import msgspec
@@ -80,6 +80,16 @@ Action = Numbers | Encoded
 class Message(Struct, frozen=True, array_like=True):
     """What every message is: immutable, compared by value, an array on the wire."""
 
+    appended: ClassVar[int] = 0
+    """Trailing fields that are omitted on the wire and in `repr` while each has its default, so
+    that nothing changes where they are not used."""
+
+    def __repr__(self) -> str:
+        omitted, text = len(self.__struct_fields__) - _used(self), super().__repr__()
+        for name in reversed(self.__struct_fields__[-omitted:] if omitted else ()):
+            text = text[: text.rindex(f", {name}=")] + ")"
+        return text
+
 
 class MessageError(ValueError):
     """Bytes that are not the message they were taken for, or a message that cannot be sent."""
@@ -120,6 +130,17 @@ def _encoded(message: Message, plain: Any) -> bytes:
     return data
 
 
+def _used(message: Message) -> int:
+    """The number of fields of a message that are not omitted."""
+    count = len(message.__struct_fields__)
+    defaults = message.__struct_defaults__
+    for default in reversed(defaults[len(defaults) - message.appended :]):
+        if getattr(message, message.__struct_fields__[count - 1]) != default:
+            break
+        count -= 1
+    return count
+
+
 _PACKED: Final = msgspec.msgpack.Encoder()
 
 
@@ -127,7 +148,8 @@ def _both(message: M) -> tuple[Any, M]:
     """A message's plain values, and what comes of them at the other end."""
     try:
         plain = msgspec.to_builtins(message, builtin_types=(bytes,))
-        return plain, msgspec.convert(plain, type(message))
+        received = msgspec.convert(plain, type(message))
+        return plain[: _used(message)] if message.appended else plain, received
     except (msgspec.ValidationError, TypeError, OverflowError) as error:
         raise MessageError(f"{type(message).__name__} cannot be sent: {error}") from None
 

@@ -37,6 +37,7 @@ from armadico.config.scenarios import (
     society,
     unmapped,
     with_sensors,
+    with_slam,
 )
 from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
@@ -201,7 +202,7 @@ def spare(
         if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
     ]
     scenario = scenario or NOWHERE
-    return _launched(able, facts(scenario, options), options)
+    return _launched(able, facts(scenario, options), options, together=False)
 
 
 def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tuple[str, ...]:
@@ -210,7 +211,7 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
     if scenario is None:
         return tuple(name for name in needs(tasks(None)) if name in placed)
     robot, *others = names(scenario, options.without)
-    needed = sensing(needs(tasks(scenario)), scenario.robot)
+    needed = sensing(_mapped(scenario, needs(tasks(scenario))), scenario.robot)
     wanted = (robot, *(name for name in needed if name in others))
     return tuple(name for name in wanted if name in placed)
 
@@ -218,8 +219,14 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
 def least(scenario: Scenario) -> Scenario:
     """The scenario with nobody taking part but those whom its tasks need, and who helps them."""
     robot, *_ = names(scenario)
-    taking = sensing(minimum(tasks(scenario))[1:], scenario.robot)
+    taking = sensing(_mapped(scenario, minimum(tasks(scenario))[1:]), scenario.robot)
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
+
+
+def _mapped(scenario: Scenario, needed: Sequence[str]) -> Sequence[str]:
+    """The agents that are needed, where slam takes part with slam in place of others."""
+    by_slam = set(society().slam.besides) <= set(scenario.agents)
+    return with_slam(needed) if by_slam else needed
 
 
 PLACED_M, PLACED_RAD = 0.05, radians(2.0)
@@ -262,9 +269,15 @@ def _unmapped_by_sonar(scenario: Scenario) -> bool:
 
 
 def _launched(
-    names: Sequence[str], known: Mapping[str, object], options: Options
+    names: Sequence[str],
+    known: Mapping[str, object],
+    options: Options,
+    *,
+    together: bool = True,
 ) -> tuple[Member, ...]:
     """The agents, set as the options' set of parameters and then the facts say."""
+    if together:
+        check_rivals(names)
     given = load_set(options.parameters) if options.parameters else {}
     return tuple(Member(name, given.get(name, ()) + _settings(name, known)) for name in names)
 
@@ -278,6 +291,19 @@ def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:
     if WHEELS in kind.competes_for:
         wanted += [fact for fact in known if fact.startswith("social.")]
     return tuple(f"{fact}={known[fact]}" for fact in wanted if known[fact] is not None)
+
+
+def check_rivals(names: Sequence[str]) -> None:
+    """Raises ConfigError for slam beside an agent that publishes the same messages."""
+    slam = next((name for name in society().slam.besides if name in names), None)
+    if slam is None:
+        return
+    for name in names:
+        if name != slam and {*agent_class(name).provides} & {*agent_class(slam).provides}:
+            raise ConfigError(
+                f"agents {slam} and {name}: both publish the pose's correction or the map; leave"
+                f" one of them out (--without {name})"
+            )
 
 
 def check(members: Sequence[Member]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from math import sqrt
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -184,6 +184,9 @@ class Correction(Message, frozen=True):
     covariance: Annotated[tuple[Real, ...], Meta(min_length=COVARIANCE, max_length=COVARIANCE)]
     confidence: Share  # 0: lost
     elsewhere: bool = False  # what it heard fits another place: what was near is not, or may not be
+    revision: Counter = 0  # of the map that is made meanwhile, as in its grid; 0: the map is fixed
+
+    appended: ClassVar[int] = 1
 
 
 class Particles(Message, frozen=True):
@@ -242,6 +245,9 @@ class OccupancyGrid(Message, frozen=True):
     rows: Annotated[int, Meta(ge=0, le=65536)]
     columns: Annotated[int, Meta(ge=0, le=65536)]
     packed: Encoded
+    revision: Counter = 0  # grows when what was mapped moves; corrections carry it, too
+
+    appended: ClassVar[int] = 1
 
 
 # Missions and plans -------------------------------------------------------------------------------

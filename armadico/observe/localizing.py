@@ -31,7 +31,7 @@ from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.messages import Cycle, Message, RobotState
 from armadico.core.services import service_of
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
-from armadico.mobile.messages import Correction, Echo, Pose, Scan
+from armadico.mobile.messages import Correction, Echo, OccupancyGrid, Pose, Scan
 from armadico.observe.logs import Log, LogError
 
 Floats = NDArray[np.float64]
@@ -70,8 +70,9 @@ def part(log: Log, name: str, readings: Sequence[int] | None = None) -> list[int
 
 
 def correctors() -> tuple[str, ...]:
-    """The installed agents that publish corrections of the pose."""
-    return providers(service_of(Correction).key)
+    """The installed agents that correct the pose on a map that they are given."""
+    mappers = providers(service_of(OccupancyGrid).key)
+    return tuple(name for name in providers(service_of(Correction).key) if name not in mappers)
 
 
 class Mapper(Protocol):

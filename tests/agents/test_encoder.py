@@ -439,3 +439,15 @@ def test_a_correction_from_before_people_said_where_it_stands_changes_nothing() 
     robot.give(late)
     pose = robot.moved(0.5, 0.0, 0.0)
     assert (pose.x, pose.y) == pytest.approx((7.0, 3.0))
+
+
+def test_a_correction_of_a_new_map_revision_counts_at_once() -> None:
+    """The pose must lie on the map of its time; within a revision it moves by steps."""
+    robot = Robot()
+    robot.moved(0.0, 0.0, 0.0)
+    moved = []
+    for revision, x in ((1, 0.0), (1, 0.2), (2, 0.3), (2, 0.2)):
+        cycle = Cycle(robot.epoch, robot.number)
+        robot.give(Correction(cycle, x, 0.0, 0.0, SURE, 1.0, revision=revision))
+        moved.append(robot.moved(0.0, 0.0, 0.0).x)
+    assert moved == pytest.approx([0.0, CREEP_M, 0.3, 0.3 - CREEP_M])

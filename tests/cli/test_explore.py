@@ -14,6 +14,9 @@ from armadico.config.worlds import load_world
 from armadico.launch.virtual import Rehearsal
 from tests.programs import call, heavy, imports_nothing
 
+EXACT = ("sc3", "--sensors", "ideal")
+"""A robot with sonars, whose odometry has no error."""
+
 
 @pytest.mark.parametrize("name", ["explore", "map"])
 def test_help_has_examples_and_imports_nothing_heavy(name: str) -> None:
@@ -26,7 +29,7 @@ def test_an_exploration_ends_with_a_map_that_can_be_gone_on_with(tmp_path: Path)
     """A robot that nobody told anything, to the far end of a small world and back."""
     assert "path-planning" not in exploring(load_scenario("sc3")).agents
     saved, picture = tmp_path / "sc3.yaml", tmp_path / "sc3.png"
-    words = ("explore", "sc3", "--virtual", "--seed", "1", "--map", str(saved))
+    words = ("explore", *EXACT, "--virtual", "--seed", "1", "--map", str(saved))
     done = call(*words, "--plot", str(picture))
     assert done.returncode == 0, done.stderr
     assert "exploration done" in done.stderr
@@ -35,7 +38,7 @@ def test_an_exploration_ends_with_a_map_that_can_be_gone_on_with(tmp_path: Path)
     assert cells.area(FREE) > 10.0
     assert load_world(saved).walls
     again = tmp_path / "again.map"
-    words = ("explore", "sc3", "--virtual", "--resume", str(saved), "--map", str(again))
+    words = ("explore", *EXACT, "--virtual", "--resume", str(saved), "--map", str(again))
     resumed = call(*words, "--json")
     assert resumed.returncode == 0, resumed.stderr
     assert "0 of them not reached" in resumed.stderr
@@ -55,7 +58,7 @@ def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
     monkeypatch.setattr(Rehearsal, "goes_on", goes_on)
     saved = tmp_path / "so-far.yaml"
     with pytest.raises(KeyboardInterrupt):
-        explore.main(["sc3", "--virtual", "--no-plot", "--map", str(saved)])
+        explore.main([*EXACT, "--virtual", "--no-plot", "--map", str(saved)])
     assert grid_map.read(saved).area(FREE) > 0.0
 
 
@@ -75,8 +78,9 @@ def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
         (("explore", "sc3", "--virtual", "--runs", "2", "--map", "a.map"), 2, "one run's map"),
         (("explore", "sc3", "--virtual", "--resume", "/no/such.yaml"), 2, "/no/such.yaml"),
         (("explore", "sc3", "--attach", "--resume", "a.yaml"), 2, "--attach starts nobody"),
-        (("explore", "sc3", "--virtual", "--without", "mapping"), 2, "without mapping"),
-        (("explore", "sc3", "--virtual", "--within", "5", "0", "6", "2"), 1, "not in the rect"),
+        (("explore", "sc3", "--virtual"), 2, "sc3: pioneer-2dx has no laser"),
+        (("explore", *EXACT, "--virtual", "--without", "mapping"), 2, "without mapping"),
+        (("explore", *EXACT, "--virtual", "--within", "5", "0", "6", "2"), 1, "not in the rect"),
         (("map",), 2, "what"),
         (("map", "load", "a.map"), 2, "load"),
         (("map", "save", "a.png"), 2, "expected .yaml"),

@@ -26,7 +26,15 @@ from armadico.core.messages import (
     line,
     plain,
 )
-from armadico.mobile.messages import Echo, MissionState, MissionStatus, Pose, Trajectory, Waypoint
+from armadico.mobile.messages import (
+    Correction,
+    Echo,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Trajectory,
+    Waypoint,
+)
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.docs_fields import ours
 
@@ -365,6 +373,18 @@ def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
 
 def test_a_message_of_a_newer_program_may_be_longer() -> None:
     assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, [], "new"]), Pose) == POSE
+
+
+def test_what_was_appended_is_omitted_while_it_has_its_default() -> None:
+    """A society without slam puts the same bytes on the wire as before there was one."""
+    correction = Correction(m.Cycle(1, 2), 1.0, 2.0, 0.5, (0.0,) * 6, 1.0)
+    assert len(cbor2.loads(m.encode(correction))) == 7
+    assert "revision" not in repr(correction)
+    assert m.decode(m.encode(correction), Correction) == correction
+    revised = msgspec.structs.replace(correction, revision=3)
+    assert cbor2.loads(m.encode(revised))[7] == 3
+    assert repr(revised).endswith("elsewhere=False, revision=3)")
+    assert m.decode(m.encode(revised), Correction) == revised
 
 
 def test_ballots_are_ordered_by_term_then_rank_then_instance() -> None:

@@ -6,18 +6,22 @@ from math import pi
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from armadico.config.discovery import AGENTS, agent_class, load
+from armadico.config.errors import ConfigError
 from armadico.config.hosts import Host, HostTable, load_hosts
 from armadico.config.loading import load_parameters
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import exploring, load_scenario, with_sensors
 from armadico.core.agent import Agent
 from armadico.launch.society import (
     Member,
     Options,
+    least,
     members,
     mission,
     needed,
+    prepared,
     processes,
     share,
     spare,
@@ -180,3 +184,29 @@ def test_the_time_limit_is_five_times_the_way_at_0_3_m_s_and_a_minute_at_least()
 
 def test_without_a_goal_there_is_no_mission() -> None:
     assert mission(msgspec.structs.replace(SC4, goal=None)) is None
+
+
+JACKAL = prepared(load_scenario("house"), Options(), profile="jackal")
+
+
+def test_a_robot_with_a_laser_and_real_sensors_explores_by_slam() -> None:
+    found = [member.name for member in members(exploring(JACKAL), Options(), "memory:")]
+    assert {"slam", "explore", "laser"} < set(found)
+    assert not {"localization", "relocate", "mapping", "path-planning"} & set(found)
+    exact = exploring(with_sensors(JACKAL, "ideal"))
+    assert "mapping" in exact.agents
+    assert "slam" not in exact.agents
+
+
+def test_what_an_exploration_by_slam_needs() -> None:
+    found = set(least(exploring(JACKAL)).agents)
+    assert {"slam", "explore"} < found
+    assert not {"localization", "mapping"} & found
+
+
+@pytest.mark.parametrize("rival", ["localization", "mapping"])
+def test_slam_beside_an_agent_that_publishes_the_same_is_refused(rival: str) -> None:
+    agents = (*exploring(JACKAL).agents, rival)
+    with pytest.raises(ConfigError, match=f"agents slam and {rival}: .*--without {rival}"):
+        members(replace(JACKAL, agents=agents), Options(), "memory:")
+    members(replace(JACKAL, agents=agents), Options(without=(rival,)), "memory:")

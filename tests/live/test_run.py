@@ -128,7 +128,7 @@ def test_an_exploration_that_is_interrupted_keeps_the_map_so_far(
     run: Start, observer: Observer, tmp_path: Path
 ) -> None:
     saved = tmp_path / "so #far.yaml"
-    process = run("explore", "sc3", "--no-plot", "--map", str(saved))
+    process = run("explore", "sc3", "--sensors", "ideal", "--no-plot", "--map", str(saved))
     observer.until(observer.obeyed_lately, "somebody drives")
     observer.until(lambda: abs(observer.state.v) > 0.05, "to a frontier, since there is a map")
     everybody = children(process.pid)

@@ -1,0 +1,360 @@
+"""The slam agent: where the robot is on a map that it makes meanwhile, by its laser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import hypot
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from msgspec import Meta
+from msgspec.structs import replace
+
+from armadico.agents.mapping.loop_closure import LoopParameters
+from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
+from armadico.agents.mapping.scan_matching import MatcherParameters
+from armadico.agents.mapping.slam import Slam, SlamParameters, Update
+from armadico.agents.methods.odometry import WIDEST, begun_anew
+from armadico.config import grid_map
+from armadico.config.discovery import MAPPERS, find
+from armadico.config.errors import ConfigError
+from armadico.config.grid_map import Cells
+from armadico.config.profile import load_profile
+from armadico.core import agent
+from armadico.core.agent import ERROR, WARNING, Agent, Question
+from armadico.core.messages import Description, Message, RobotState
+from armadico.mobile.messages import (
+    Correction,
+    InitialPose,
+    MapRequest,
+    OccupancyGrid,
+    Pose,
+    Scan,
+)
+from armadico.mobile.scans import bearings_of, ranges_of
+
+Metres = Annotated[float, Meta(gt=0, le=100)]
+Radians = Annotated[float, Meta(gt=0, le=6.2832)]
+Count = Annotated[int, Meta(ge=1, le=100_000)]
+
+STANDING_SCANS = 4
+"""Scans that are drawn from one place: a cell counts as free after three rays through it."""
+
+MOVED_M, MOVED_RAD = 0.025, 0.01
+"""A key scan that moves farther than this, half a cell, has the map drawn anew."""
+
+INVALID, NOTHING_FOUND = 0, 65535
+"""Of a scan's packed ranges."""
+
+RAYS_APART = 0.0132
+"""Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
+fitted to neighbours, and the noise of the ranges must be small beside their distance."""
+
+STANDING = 0.02
+"""Within so many m and rad it is the same place."""
+
+INSTEAD_OF = ("localization", "mapping")
+"""Agents that publish the same messages."""
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """The robot, how often the map is published, and the main parameters of SLAM.
+
+    Names are those of slam_toolbox where it has the parameter.
+    """
+
+    profile: str = "jackal"
+    every_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
+    max_range: Metres = 20.0  # of rays that are matched
+    resolution: Annotated[float, Meta(ge=0.01, le=1)] = 0.05  # m, of the local map
+    minimum_travel_distance: Metres = 0.3  # m between key scans,
+    minimum_travel_heading: Radians = 0.3  # or rad
+    scan_buffer_size: Count = 50  # key scans of the local map
+    do_loop_closing: bool = True
+    loop_search_maximum_distance: Metres = 5.0
+    drawn_distance: Metres = 0.2  # a scan is drawn after so far,
+    drawn_heading: Radians = 0.2  # or after this turn
+    drawn_scans: Count = 50_000  # that are kept, which bounds the memory
+    drawn_per_cycle: Count = 12  # while the map is drawn anew
+    weak_scans: Count = 3  # key scans in a row that fit badly, and the pose corrects no longer
+
+
+class Mapper(Protocol):
+    """What makes a grid of scans at known poses; installed in `armadico.mappers`."""
+
+    @property
+    def full(self) -> bool:
+        """Whether something was omitted because the map would be too large."""
+
+    def see(self, pose: Any, scan: Scan) -> None:
+        """Take a scan of a robot at a pose in the world."""
+
+    def stand(self, pose: Any, corners: Any) -> None:
+        """Take the body's outline as free."""
+
+    def cells(self) -> Cells:
+        """The grid so far."""
+
+
+class _Drawn(NamedTuple):
+    """A scan of the map."""
+
+    key: int  # the newest key scan at its time,
+    offset: Floats  # the robot's pose in the frame of that,
+    scan: Scan
+
+
+class SlamAgent(Agent):
+    """Estimates the pose and makes the map at the same time, in place of localization and mapping.
+
+    Scan matching is done in the cycle of its scan. Loops, the pose graph and a map that moved take
+    longer. Each cycle does a slice of them. When the map is drawn anew, the map and the correction
+    are published together with the next `revision`.
+    """
+
+    name = "slam"
+    alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid)
+    answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
+    parameters = Parameters
+    launched_with = ("profile",)
+    changeable: ClassVar = {"every_s": "s"}
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        if load_profile(self.p.profile).laser is None:
+            raise ConfigError(
+                f"profile {self.p.profile!r}: slam needs a robot with a laser; sonars are too"
+                " ambiguous to map by"
+            )
+        self._slam = Slam(_parameters(self.p))
+        self._map = self._new_map()
+        self._drawn: list[_Drawn] = []
+        self._standing = 0  # scans that were drawn from the present place
+        self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
+        self._work: Iterator[None] | None = None  # under way, a slice a cycle
+        self._revision = 1
+        self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
+        self._odometry: Floats | None = None
+        self._epoch: int | None = None
+        self._number: int | None = None  # of the newest scan
+        self._weak = 0  # newest key scans that fitted badly
+        self._update: Update | None = None
+        self._published_at = float("-inf")
+        self._warned: set[str] = set()
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        """Report an agent that publishes the same messages."""
+        if name in INSTEAD_OF:
+            self.log(f"{instance} publishes the same as slam: stop one of the two", ERROR)
+
+    def on_pose(self, pose: Pose) -> None:
+        """Begin at the first pose."""
+        state = self.latest(RobotState)
+        if self._start is None and state is not None and state.cycle == pose.cycle:
+            here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
+            self._start = compose(here, relative(odometry, np.zeros(3)))
+
+    def on_initial_pose(self, _pose: InitialPose) -> None:
+        """The map has its own origin."""
+        self.log("initial pose ignored: slam estimates the pose on the map that it makes", WARNING)
+
+    def on_robot_state(self, state: RobotState) -> None:
+        """Continue with an odometry that begins anew; take the scan of this cycle if it came."""
+        odometry, before = _odometry(state), self._odometry
+        if before is not None and self._start is not None and state.cycle.epoch != self._epoch:
+            was, now = before.tolist(), odometry.tolist()
+            if begun_anew((was[0], was[1], was[2]), (now[0], now[1], now[2])):
+                here = compose(self._start, before)
+                self._start = compose(here, relative(odometry, np.zeros(3)))
+        self._odometry, self._epoch = odometry, state.cycle.epoch
+        self._match(self.latest(Scan))
+
+    def on_scan(self, scan: Scan) -> None:
+        """Place a scan of the cycle of the odometry."""
+        self._match(scan)
+
+    def on_map_request(self, _question: Question) -> OccupancyGrid:
+        """The map as it is now."""
+        return grid_map.message_of(self._map.cells(), self._revision)
+
+    # A cycle --------------------------------------------------------------------------------------
+
+    def _match(self, scan: Scan | None) -> None:
+        """Take a cycle's scan once its odometry is there too, in either order."""
+        state = self.latest(RobotState)
+        if scan is None or state is None or scan.cycle != state.cycle or self._start is None:
+            return
+        odometry = compose(self._start, _odometry(state))
+        if scan.number != self._number:
+            self._number = scan.number
+            self._place(scan, odometry)
+        self._go_on()
+        self._publish(scan, odometry)
+
+    def _place(self, scan: Scan, odometry: Floats) -> None:
+        """Place a scan that is new, and draw it."""
+        try:
+            ranges, bearings = ranges_of(scan), bearings_of(scan)
+        except ValueError:  # its bytes are no ranges
+            return
+        apart = max(1, int(RAYS_APART / abs(scan.step))) if scan.step else 1
+        rays = slice(None, None, apart)
+        origin = scan.x, scan.y
+        update = self._slam.add(self.now, odometry, ranges[rays], bearings[rays], origin=origin)
+        if update is None:
+            return
+        self._update = update
+        if update.key:
+            good = update.inliers >= self._slam.parameters.match_weak
+            self._weak = 0 if good else self._weak + 1
+        pose = update.pose
+        if update.key:
+            self._drawn_at = np.vstack([self._drawn_at, pose])
+        if not update.key and not self._worth(pose):
+            return
+        if len(self._drawn) >= self.p.drawn_scans:
+            self._warn("the map takes no more scans (drawn_scans)")
+            return
+        key = len(self._slam.poses) - 1
+        drawn = _Drawn(key, relative(self._slam.poses[key], pose), _without_dropouts(scan))
+        self._drawn.append(drawn)
+        self._draw(self._map, drawn, self._slam.poses)
+        if self._map.full:
+            self._warn("the map has reached its largest size: what is beyond is omitted")
+
+    def _worth(self, pose: Floats) -> bool:
+        """Whether a scan is taken far enough from the newest one drawn, or at rest."""
+        if not self._drawn:
+            return True
+        step = relative(self._at(self._drawn[-1], self._slam.poses), pose)
+        metres, turned = hypot(step[0], step[1]), abs(step[2])
+        if metres >= self.p.drawn_distance or turned >= self.p.drawn_heading:
+            self._standing = 0
+            return True
+        if max(metres, turned) > STANDING:
+            return False
+        self._standing += 1
+        return self._standing < STANDING_SCANS
+
+    def _publish(self, scan: Scan, odometry: Floats) -> None:
+        """Publish where the odometry's origin lies, and the map now and then."""
+        if self._update is None or self._start is None or self._odometry is None:
+            return
+        pose = self._slam.pose_at(odometry)
+        at = compose(pose, relative(self._odometry, np.zeros(3)))
+        c = np.clip(self._update.covariance, -WIDEST, WIDEST)
+        x, y, theta = at.tolist()
+        self.publish(
+            Correction(
+                scan.cycle,
+                *(x, y, theta),
+                covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
+                confidence=0.0 if self._weak >= self.p.weak_scans else 1.0,
+                revision=self._revision,
+            )
+        )
+        if self.now - self._published_at >= self.p.every_s:
+            self._published_at = self.now
+            self.publish(grid_map.message_of(self._map.cells(), self._revision))
+
+    # Beside the cycles ----------------------------------------------------------------------------
+
+    def _go_on(self) -> None:
+        """Do one slice of what takes longer than a cycle."""
+        if self._work is None:
+            self._work = self._closing()
+        if next(self._work, self) is self:
+            self._work = None
+
+    def _closing(self) -> Iterator[None]:
+        """Search loops of the newest key scan; optimise and draw the map anew if they move it."""
+        poses: Floats | None = None
+        for found in self._slam.closing_loops():
+            poses = found
+            yield
+        if poses is None:
+            return
+        if not self._moved(poses):
+            self._slam.adopt(poses)
+            return
+        drawn, mapper = 0, self._new_map()
+        while len(self._drawn) - drawn > self.p.drawn_per_cycle:
+            for one in self._drawn[drawn : drawn + self.p.drawn_per_cycle]:
+                self._draw(mapper, one, self._later(poses))
+            drawn += self.p.drawn_per_cycle
+            yield
+        self._slam.adopt(poses)
+        for one in self._drawn[drawn:]:
+            self._draw(mapper, one, self._slam.poses)
+        self._map, self._drawn_at = mapper, self._slam.poses.copy()
+        self._revision += 1
+        self._published_at = float("-inf")
+
+    def _later(self, poses: Floats) -> Floats:
+        """The poses of all key scans once these are adopted."""
+        old, count = self._slam.poses, len(poses)
+        step = relative(old[count - 1], old[count:])
+        return np.vstack([poses, compose(poses[-1], step)])
+
+    def _moved(self, poses: Floats) -> bool:
+        """Whether the map has to be drawn anew: a key scan is off by half a cell."""
+        count = min(len(poses), len(self._drawn_at))
+        off = poses[:count] - self._drawn_at[:count]
+        far = np.hypot(off[:, 0], off[:, 1]) > MOVED_M
+        return bool((far | (np.abs(wrapped(off[:, 2])) > MOVED_RAD)).any())
+
+    # The map --------------------------------------------------------------------------------------
+
+    def _new_map(self) -> Mapper:
+        mapper: Mapper = find(MAPPERS, "grid").load()(0.0)
+        return mapper
+
+    def _at(self, drawn: _Drawn, poses: Floats) -> Floats:
+        return compose(poses[drawn.key], drawn.offset)
+
+    def _draw(self, mapper: Mapper, drawn: _Drawn, poses: Floats) -> None:
+        x, y, theta = self._at(drawn, poses).tolist()
+        pose = Pose(drawn.scan.cycle, x, y, theta)
+        mapper.see(pose, drawn.scan)
+        body = self.latest(Description)
+        if body is not None:
+            front, rear, side = body.front, -body.rear, body.half_width
+            mapper.stand(pose, ((front, side), (rear, side), (rear, -side), (front, -side)))
+
+    def _warn(self, text: str) -> None:
+        if text not in self._warned:
+            self._warned.add(text)
+            self.log(text, WARNING)
+
+
+def _without_dropouts(scan: Scan) -> Scan:
+    """The scan without single rays that found nothing between two that did.
+
+    They are lost returns. As free space they would lead through walls.
+    """
+    seen = np.frombuffer(scan.packed, dtype="<u2").copy()
+    met = (seen != NOTHING_FOUND) & (seen != INVALID)
+    alone = np.zeros(len(seen), dtype=np.bool_)
+    alone[1:-1] = (seen[1:-1] == NOTHING_FOUND) & met[:-2] & met[2:]
+    seen[alone] = INVALID
+    return replace(scan, packed=seen.tobytes())
+
+
+def _odometry(state: RobotState) -> Floats:
+    return np.array([state.x, state.y, state.theta])
+
+
+def _parameters(p: Parameters) -> SlamParameters:
+    loops = LoopParameters(loop_search_maximum_distance=p.loop_search_maximum_distance)
+    return SlamParameters(
+        max_range=p.max_range,
+        minimum_travel_distance=p.minimum_travel_distance,
+        minimum_travel_heading=p.minimum_travel_heading,
+        scan_buffer_size=p.scan_buffer_size,
+        do_loop_closing=p.do_loop_closing,
+        matcher=MatcherParameters(resolution=p.resolution),
+        loops=loops,
+    )
