@@ -40,6 +40,9 @@ Count = Annotated[int, Meta(ge=1, le=100_000)]
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""
 
+SETTLED = 30
+"""Key scans from which on it is reported that the map may be wrong."""
+
 MOVED_M, MOVED_RAD = 0.025, 0.01
 """A key scan that moves farther than this, half a cell, has the map drawn anew."""
 
@@ -144,6 +147,7 @@ class SlamAgent(Agent):
         self._update: Update | None = None
         self._published_at = float("-inf")
         self._warned: set[str] = set()
+        self._carried, self._uncertain = 0, False  # as reported
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Report an agent that publishes the same messages."""
@@ -210,6 +214,7 @@ class SlamAgent(Agent):
         if update.key:
             good = update.inliers >= self._slam.parameters.match_weak
             self._weak = 0 if good else self._weak + 1
+            self._report()
         pose = update.pose
         if update.key:
             self._drawn_at = np.vstack([self._drawn_at, pose])
@@ -323,6 +328,16 @@ class SlamAgent(Agent):
         if body is not None:
             front, rear, side = body.front, -body.rear, body.half_width
             mapper.stand(pose, ((front, side), (rear, side), (rear, -side), (front, -side)))
+
+    def _report(self) -> None:
+        """Log once if the map may be wrong."""
+        slam = self._slam
+        if len(slam.carried) > self._carried:
+            self._carried, self._uncertain = len(slam.carried), True
+            self.log("the robot was carried: a new part of the map begins", WARNING)
+        elif len(slam.poses) >= SETTLED and slam.uncertain and not self._uncertain:
+            self._uncertain = True
+            self.log(f"the map may be wrong: {slam.uncertain}", WARNING)
 
     def _warn(self, text: str) -> None:
         if text not in self._warned:

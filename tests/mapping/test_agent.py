@@ -18,6 +18,10 @@ from tests.mapping.worlds import BEARINGS, cast, drifted, ring, square
 
 PATH = square()
 RING = ring()
+HALL = np.array(
+    [[14.0, -6.0, 30.0, -6.0], [30.0, -6.0, 30.0, 7.0], [30.0, 7.0, 14.0, 7.0], [14.0, 7, 14, -6]]
+)
+"""A room elsewhere with far walls: x1, y1, x2, y2 in m."""
 
 
 class Robot:
@@ -30,7 +34,13 @@ class Robot:
         self._noise = np.random.default_rng(1)
 
     def cycle(
-        self, pose: Floats, odometry: Floats, *, scan_first: bool = False, scan: bool = True
+        self,
+        pose: Floats,
+        odometry: Floats,
+        *,
+        scan_first: bool = False,
+        scan: bool = True,
+        walls: Floats | None = None,
     ) -> list[Message]:
         """What it publishes in a cycle."""
         self.number += 1
@@ -39,7 +49,8 @@ class Robot:
         state = RobotState(cycle, x, y, theta, 0.0, 0.0, 12.0, True, False)
         messages: list[Message] = [state]
         if scan:
-            ranges = cast(RING, pose) + 0.01 * self._noise.standard_normal(len(BEARINGS))
+            walls = RING if walls is None else walls
+            ranges = cast(walls, pose) + 0.01 * self._noise.standard_normal(len(BEARINGS))
             step = float(BEARINGS[1] - BEARINGS[0])
             angles, limits = (float(BEARINGS[0]), step), (0.1, 30.0)
             place = 0.0, 0.0, 0.0
@@ -176,3 +187,22 @@ def test_a_lost_return_frees_nothing_behind_a_wall() -> None:
     assert np.flatnonzero(np.isnan(ranges_of(kept))).tolist() == [40]
     assert np.isinf(ranges_of(kept)[200:202]).all()
     assert np.frombuffer(kept.packed, "<u2")[40] == INVALID
+
+
+def test_a_robot_that_is_carried_is_reported_once_and_its_pose_is_uncertain() -> None:
+    path = PATH[:60]
+    odometry = own_odometry(path)
+    far = np.array([20.0, 0.0, 0.0])
+    robot = Robot()
+    robot.drive(path, odometry)
+    logs: list[str] = []
+    for k in range(12):
+        step = np.array([0.34 * k, 0.0, 0.0])
+        said = robot.cycle(compose(far, step), compose(odometry[-1], step), walls=HALL)
+        logs += [log.text for log in of(Log, said) if isinstance(log, Log)]
+    assert [text for text in logs if "carried" in text] == [
+        "the robot was carried: a new part of the map begins"
+    ]
+    (last,) = of(Correction, said)
+    assert isinstance(last, Correction)
+    assert last.covariance[0] > 1.0
