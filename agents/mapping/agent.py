@@ -250,7 +250,7 @@ class SlamAgent(Agent):
             return
         pose = self._slam.pose_at(odometry)
         at = compose(pose, relative(self._odometry, np.zeros(3)))
-        c = np.clip(self._update.covariance, -WIDEST, WIDEST)
+        c = np.clip(self._update.near_covariance, -WIDEST, WIDEST)
         x, y, theta = at.tolist()
         self.publish(
             Correction(

@@ -82,6 +82,7 @@ class Update(NamedTuple):
     key: bool  # whether the scan was added to the map
     inliers: float  # share of the points of the newest key scan that fit
     revision: int  # of the map that the pose belongs to
+    near_covariance: Floats  # (3, 3) of the pose on the map near it
 
 
 class _Track(NamedTuple):
@@ -111,6 +112,8 @@ class Slam:
         self.carried: list[int] = []  # key scans before which the robot was carried elsewhere
         self.rejected = 0  # scans that could not be used
         self._covariance = np.zeros((3, 3))
+        self._near = np.zeros((3, 3))  # on the local map: what scan matching has not corrected
+        self._apart = np.zeros((3, 3))  # of the local map, since the robot was carried
         self._at: Floats | None = None  # odometry of the newest key scan
         self._t = -np.inf
         self._inliers = 1.0
@@ -199,16 +202,18 @@ class Slam:
         return self._update(here, key=True)
 
     def _update(self, odometry: Floats, *, key: bool) -> Update:
-        pose, covariance = self.pose_at(odometry), self._covariance
+        pose, covariance, near = self.pose_at(odometry), self._covariance, self._near
         if not key and self._at is not None:
             step = relative(self._at, odometry)
-            covariance = self._moved(step, self.model.prior(step).covariance)
-        return Update(pose, covariance, key, self._inliers, self.revision)
+            more = self.model.prior(step).covariance
+            covariance, near = (self._moved(one, step, more) for one in (covariance, near))
+        near = near + self._apart
+        return Update(pose, covariance, key, self._inliers, self.revision, near)
 
-    def _moved(self, step: Floats, covariance: Floats) -> Floats:
-        """The covariance after a step from the newest key scan, whose own is in the world."""
+    def _moved(self, covariance: Floats, step: Floats, more: Floats) -> Floats:
+        """A covariance after a step from the newest key scan, whose own is in the world."""
         turn = jacobian_of_step(self.poses[-1], step)
-        moved: Floats = turn @ self._covariance @ turn.T + covariance
+        moved: Floats = turn @ covariance @ turn.T + more
         return moved
 
     def _place(
@@ -231,9 +236,11 @@ class Slam:
             sure = np.linalg.eigvalsh(match.information[:2, :2])[0] > 4.0 * prior.position**-2
             if sure:
                 self.model.learn(step, relative(before, match.pose))
-        self._covariance = self._moved(
-            relative(before, match.pose), np.asarray(np.linalg.inv(information), dtype=np.float64)
-        )
+        moved = relative(before, match.pose)
+        alone = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        self._covariance = self._moved(self._covariance, moved, alone)
+        predicted = self._moved(self._near, moved, prior.covariance)
+        self._near = np.linalg.inv(np.linalg.inv(predicted) + share * match.information)
         turn = rotation(before[2])
         edge = turn.T @ information @ turn
         self.graph.add(Edge(newest, newest + 1, relative(before, match.pose), edge))
@@ -288,6 +295,7 @@ class Slam:
         at = next(k for k, edge in enumerate(self.graph.edges) if edge.end == first)
         self.graph.edges[at] = self.graph.edges[at]._replace(information=UNKNOWN)
         self._covariance = self._covariance + np.linalg.inv(UNKNOWN)
+        self._apart = np.linalg.inv(UNKNOWN)
         self.closer.pending = []
 
     def _contradicts(
@@ -373,3 +381,4 @@ class Slam:
         self._loop_way = self.way[loop.end]
         turn = rotation(self.poses[loop.start, 2])
         self._covariance = turn @ np.linalg.inv(loop.information) @ turn.T
+        self._apart = np.zeros((3, 3))

@@ -154,3 +154,14 @@ def test_the_memory_is_bounded() -> None:
 def test_what_is_kept_of_a_scan_is_small(field: str) -> None:
     slam, _ = mapped(ring(), PATH[:5], PATH[:5])
     assert getattr(slam.clouds[0], field).dtype == np.float32
+
+
+def test_the_covariance_on_the_map_near_the_robot_does_not_grow_with_the_way() -> None:
+    """What a robot drives by: without a loop only the place of that map becomes uncertain."""
+    path = PATH[: len(PATH) // 3]
+    parameters = SlamParameters(do_loop_closing=False)
+    _, updates = mapped(ring(), path, drifted(path, 0.1, 2), parameters)
+    first, last = updates[10], updates[-1]
+    assert last.covariance[0, 0] + last.covariance[1, 1] > 2.0 * np.trace(first.covariance[:2, :2])
+    assert np.trace(last.near_covariance[:2, :2]) < 2.0 * np.trace(first.near_covariance[:2, :2])
+    assert np.trace(last.near_covariance[:2, :2]) < 0.1**2
