@@ -1,6 +1,6 @@
-"""A view as dictionaries for JSON, one for `top --json`, the page and the MCP server (sans-IO).
+"""A view as dictionaries for JSON: for `top --json`, the page and the MCP server (sans-IO).
 
-SI units and rad; None stands for what is not known. Each reader takes the sections that it shows.
+SI units and rad; unknown values are None. Each reader uses the sections that it shows.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def pose(view: View, now: float) -> Section | None:
 
 
 def mission(view: View) -> Section | None:
-    """The goal that the robot drives to, or drove to last."""
+    """The present or last goal."""
     status = view.mission
     if status is None:
         return None
@@ -70,7 +70,7 @@ def mission(view: View) -> Section | None:
 
 
 def errand(of: Progress) -> Section:
-    """A mission of several tasks; JSON's numbers are too short for its number."""
+    """A mission of several tasks; its number is a string, because it exceeds JSON's numbers."""
     return {
         "number": str(of.number),
         "name": of.name,
@@ -88,13 +88,13 @@ def errand(of: Progress) -> Section:
 def stands(
     view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
 ) -> Section:
-    """Whether the robot stands, and why, as sentences and a cause; see `standing`."""
+    """The result of `standing`."""
     found: Section = msgspec.to_builtins(standing(view, now, installed, hosts))
     return found
 
 
 def resource(view: View, name: str, now: float) -> Section:
-    """Who claims a resource, whom its owner obeys, and who competes for it."""
+    """A resource's holder, the agent that its owner obeys, and the contenders."""
     claim, obeyed = view.claim(name, now), view.driver(name, now)
     row: Section = {"resource": name, "holder": None}
     row["obeyed"] = None if obeyed is None else agent_of(obeyed)
@@ -109,7 +109,7 @@ def resource(view: View, name: str, now: float) -> Section:
 
 
 def agent(seen: Seen) -> Section:
-    """An agent that is alive, by its card."""
+    """A live agent, with data of its card."""
     card = seen.card
     row: Section = {"name": seen.name, "instance": seen.instance, "answering": card is not None}
     if card is not None:
@@ -118,7 +118,7 @@ def agent(seen: Seen) -> Section:
 
 
 def service(view: View, key: str, now: float) -> Section:
-    """How often a key is published, and how often it should be."""
+    """The rate of a key and its promised rate."""
     rate, known = view.rates[key], service_at(key)
     hz = rate.hz(now)
     assert rate.last is not None, "something was received"
@@ -133,7 +133,7 @@ def service(view: View, key: str, now: float) -> Section:
 
 
 def rounded(value: Any, digits: int = 3) -> Any:
-    """The same with fewer digits, through and through; 0 for what is not finite."""
+    """The value with all numbers rounded, nested ones too; 0 for numbers that are not finite."""
     if isinstance(value, float):
         return round(value, digits) if isfinite(value) else 0.0
     if isinstance(value, dict):

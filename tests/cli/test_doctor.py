@@ -103,7 +103,7 @@ def test_why_the_robot_stands_is_said(changed: dict[str, Any], verdict: str, say
     assert says in found.what
     late = doctor.stands(standing(view, 2.0))
     assert late.verdict == doctor.WRONG
-    assert late.what.startswith("Nothing is heard of the robot for 2.0 s: no robot/state.")
+    assert "2.0 s" in late.what
 
 
 def test_top_says_why_the_robot_stands() -> None:

@@ -19,7 +19,7 @@ from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
 from armadico.observe.virtual_recording import BEGUN, Recorded
 from armadico.observe.watching import Heard, Presence
-from tests.observe.overheard import LINE
+from tests.observe.observed import LINE
 
 Ask = Callable[..., Any]
 

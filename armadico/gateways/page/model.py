@@ -193,7 +193,7 @@ class Robot:
         view, truth = self.view, self.view.truth
         found: dict[str, Any] = {
             "heard": view.hears_robot(t),
-            "silent_s": None if view.heard_at is None else round(t - view.heard_at, 1),
+            "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
         }
         found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))
         if truth is not None:

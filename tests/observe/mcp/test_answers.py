@@ -13,14 +13,14 @@ from armadico.config.worlds import load_world
 from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.mesh.virtual_session import VirtualSession
-from tests.observe.overheard import Overheard
+from tests.observe.observed import Observed
 
 
 @pytest.fixture(scope="module")
-def driven() -> tuple[Overheard, Society]:
+def driven() -> tuple[Observed, Society]:
     """Under way, in a world with a wall; a program has asked for something, and for the stop."""
     society = Society(load_world("sc2"), {"rounds": "Three rounds"})
-    overheard = Overheard(chronicle=society)
+    overheard = Observed(chronicle=society)
     overheard.run.add(Assistant)
     program = VirtualSession(overheard.mesh, name="program")
     overheard.drive(8.0)
@@ -32,7 +32,7 @@ def driven() -> tuple[Overheard, Society]:
     return overheard, society
 
 
-def test_where_it_is_and_what_it_does(driven: tuple[Overheard, Society]) -> None:
+def test_where_it_is_and_what_it_does(driven: tuple[Observed, Society]) -> None:
     overheard, society = driven
     found = society.where(overheard.mesh.now)
     assert found["driver"] == "goto"
@@ -46,7 +46,7 @@ def test_where_it_is_and_what_it_does(driven: tuple[Overheard, Society]) -> None
     assert later["stop"]["stopped"] is None, "what it said last tells nothing of now"
 
 
-def test_who_is_there(driven: tuple[Overheard, Society]) -> None:
+def test_who_is_there(driven: tuple[Observed, Society]) -> None:
     agents = {row["agent"]: row for row in driven[1].who()["agents"]}
     assert {"robot", "encoder", "goto", "assistant"} <= agents.keys()
     assert agents["goto"]["competes_for"] == ["wheels"]
@@ -54,7 +54,7 @@ def test_who_is_there(driven: tuple[Overheard, Society]) -> None:
 
 
 def test_the_picture_has_the_walls_the_robot_and_its_goal(
-    driven: tuple[Overheard, Society],
+    driven: tuple[Observed, Society],
 ) -> None:
     found = driven[1].map()
     rows = found["picture"]
@@ -67,7 +67,7 @@ def test_the_picture_has_the_walls_the_robot_and_its_goal(
     assert text.index(">") < text.index("G"), "it drives to the right"
 
 
-def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Overheard, Society]) -> None:
+def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Observed, Society]) -> None:
     society = Society(None, {})
     pose = driven[1].view.pose
     assert pose is not None
@@ -78,7 +78,7 @@ def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Overheard, S
 
 
 def test_what_a_program_asked_for_is_history_with_its_text(
-    driven: tuple[Overheard, Society],
+    driven: tuple[Observed, Society],
 ) -> None:
     overheard, society = driven
     said = [event["what"] for event in society.history(overheard.mesh.now, 200)["events"]]
@@ -93,7 +93,7 @@ def test_what_a_program_asked_for_is_history_with_its_text(
 
 def test_a_program_that_stops_it_is_named_as_the_reason_why_it_stands() -> None:
     society = Society(None, {})
-    overheard = Overheard(chronicle=society).drive(4.0)
+    overheard = Observed(chronicle=society).drive(4.0)
     stop = Stop(5, True, "assistant: model", 77)
     VirtualSession(overheard.mesh, name="p").publish(service_of(Stop).key, stop)
     overheard.let_pass(4.0)
