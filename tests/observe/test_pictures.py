@@ -18,7 +18,7 @@ pytest.importorskip("matplotlib")
 
 from armadico.observe.pictures import (
     COLOURS,
-    NOBODY,
+    NO_AGENT,
     Canvas,
     Run,
     Step,
@@ -84,10 +84,10 @@ def test_outlines_are_so_far_apart_and_the_last_is_told_apart() -> None:
 
 
 def test_colours_are_fixed_by_name_and_no_two_agents_of_ours_share_one() -> None:
-    assert len({*COLOURS, NOBODY}) == len(COLOURS) + 1
+    assert len({*COLOURS, NO_AGENT}) == len(COLOURS) + 1
     assert len({colour(name) for name in ("goto", "avoid", "gothrough")}) == 3
     assert colour("wander") in COLOURS
-    assert colour(None) == NOBODY
+    assert colour(None) == NO_AGENT
 
 
 def test_holders_are_told_apart_by_their_lines_too_be_their_colours_the_same() -> None:
