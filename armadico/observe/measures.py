@@ -81,7 +81,7 @@ class Result(Struct, frozen=True):
     `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
     robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
     the cycles in which any agent was obeyed. Collisions are those of the robot's own motion; they
-    exclude people who walked into it.
+    exclude people walking into it.
     """
 
     scenario: str

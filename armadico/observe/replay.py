@@ -110,8 +110,8 @@ class Life:
         kind = _class(head) if self.kind is None else self.kind
         parameters = _parameters(head, kind, self.sets)
         self.notes = tuple(_notes(head, kind, self.sets))
-        who = Identity(head.instance, head.host, head.pid, head.version, _stream(head))
-        self.agent = kind(who, parameters)
+        identity = Identity(head.instance, head.host, head.pid, head.version, _stream(head))
+        self.agent = kind(identity, parameters)
 
     def moments(self) -> Iterator[Moment]:
         """All inputs in order, up to an exception of the agent's code, which is in `raised`."""

@@ -364,10 +364,10 @@ class _Chain:
 
         Bids are queried once per second, so a reported reason may be out of date.
         """
-        rate, asked = self.view.rates.get(key), self.view.answered.get(instance)
-        if rate is None or asked is None or self.silent(key) or self.stale(key):
+        rate, at = self.view.rates.get(key), self.view.answered.get(instance)
+        if rate is None or at is None or self.silent(key) or self.stale(key):
             return None
-        if asked > rate.since + FRESH_CYCLES * self._cycle_s():
+        if at > rate.since + FRESH_CYCLES * self._cycle_s():
             return None
         what = f"{key} has been received for only {self.now - rate.since:.1f} s."
         return self.end(Sort.STARTING, agent_of(instance), what, of=agent_of(instance))

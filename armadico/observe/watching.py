@@ -151,16 +151,16 @@ def kind_at(key: str) -> type[Message] | None:
     return service.reply if service.kind is Kind.QUERY else service.message
 
 
-def read(heard: Heard) -> Message | None:
+def read(item: Heard) -> Message | None:
     """The message in a payload; None if its key is unknown. Raises MessageError."""
-    kind = kind_at(heard.key)
-    return None if kind is None else decode(heard.data, kind)
+    kind = kind_at(item.key)
+    return None if kind is None else decode(item.data, kind)
 
 
-def read_or_none(heard: Heard) -> Message | None:
+def read_or_none(item: Heard) -> Message | None:
     """The message in a payload; None if its key is unknown or it cannot be decoded."""
     try:
-        return read(heard)
+        return read(item)
     except MessageError:
         return None
 

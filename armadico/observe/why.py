@@ -133,7 +133,7 @@ class _Touch:
     """Contacts of the robot so far."""
 
     collisions: int = 0  # ground truth
-    bumped: int = 0  # of these, caused by people who walked into the robot
+    bumped: int = 0  # of these, by people walking into the robot
     felt: bool = False  # the robot reports contact now
 
 
@@ -542,8 +542,8 @@ class Chronicle:
         else:
             found.append(f"The robot stood {of.stood:.1f} s later.")
         if of.released is not None:
-            by_whom = f" by {of.released_by}" if of.released_by else ""
-            found.append(f"It was released{by_whom} at {of.released:.2f} s.")
+            sender = f" by {of.released_by}" if of.released_by else ""
+            found.append(f"It was released{sender} at {of.released:.2f} s.")
         elif anew := next((each for each in self._pressed if each.number > of.number), None):
             found.append(
                 f"{anew.stop.who} latched another stop at {anew.t:.2f} s before a release."

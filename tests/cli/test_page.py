@@ -34,7 +34,7 @@ def test_a_port_that_is_taken_is_named_with_what_to_do(
         code, said = refusal(capsys, f"--port={port}")
     assert code == 1
     assert f"cannot listen on 127.0.0.1, port {port}" in said
-    assert "--port 0 takes one that is free" in said
+    assert "--port 0" in said
 
 
 @pytest.mark.parametrize(

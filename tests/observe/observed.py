@@ -62,7 +62,7 @@ class Observed(Driven):
         self.worded = True  # False: the observer receives all texts reworded
         kinds = dict.fromkeys(each.message for each in services() if each.message is not Ask)
         self.mesh.watch(self._keep, *kinds)
-        self._ask()
+        self._answer_queries()
         self.run.start()
 
     def drive(self, seconds: float = 4.0) -> Observed:
@@ -84,7 +84,7 @@ class Observed(Driven):
     def _keep(self, key: str, message: Message, now: float) -> None:
         self.chronicle.update(key, message if self.worded else reworded(message), now)
 
-    def _ask(self) -> None:
+    def _answer_queries(self) -> None:
         now = self.mesh.now
         for node in self.mesh.nodes:
             agent = node.agent
@@ -97,4 +97,4 @@ class Observed(Driven):
                 )
                 for _, message in answers:
                     self.chronicle.learn(message if self.worded else reworded(message), now)
-        self.mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
+        self.mesh.call_at(now + ASK_S, lambda _a, _b: self._answer_queries())
