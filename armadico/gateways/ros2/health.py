@@ -92,7 +92,7 @@ class Health:
             "term": "" if ballot is None else str(ballot.term),
             "cycle": str(ack.cycle.number),
         }
-        name = "nobody" if holder is None else agent_of(holder)
+        name = "no agent" if holder is None else agent_of(holder)
         return self._status(OK, f"{ack.resource} holder", name, values)
 
     def _robot(self, state: m.RobotState) -> types.DiagnosticStatus:
@@ -105,14 +105,14 @@ class Health:
         if (mission := self.known(MissionStatus)) is not None:
             values["mission"] = mission.state.value
             values["mission note"] = mission.note
-        level, text = OK, "well"
+        level, text = OK, "ok"
         if state.stalled:
             level, text = WARN, "stalled"
         if state.stop.stopped:
             level, text = WARN, f"stopped by {state.stop.who}"
         pose = self.known(Pose)
         if pose is not None and pose.deviation > LOST_M:
-            level, text = ERROR, f"lost: the pose is {pose.deviation:.1f} m off"
+            level, text = ERROR, f"lost: the deviation of the pose is {pose.deviation:.1f} m"
         return self._status(level, "robot", text, values)
 
     def _status(
