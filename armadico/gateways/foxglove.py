@@ -67,7 +67,6 @@ class Server(ServerListener):
         self._server.stop()
 
     def publish(self, sample: Sample, at: int) -> None:
-        """Send a sample to the clients that subscribe to its topic."""
         self._channels[sample.channel.topic].log(sample.data, log_time=at)
 
     def offer(self, channel: Channel) -> None:

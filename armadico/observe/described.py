@@ -19,7 +19,6 @@ Section = dict[str, Any]
 
 
 def robot(view: View) -> Section | None:
-    """The robot's newest state."""
     state, stop, level = view.state, view.stop, view.level
     if state is None:
         return None
@@ -39,7 +38,6 @@ def robot(view: View) -> Section | None:
 
 
 def pose(view: View, now: float) -> Section | None:
-    """The estimated pose and its uncertainty."""
     at = view.pose
     if at is None:
         return None
@@ -88,7 +86,6 @@ def errand(of: Progress) -> Section:
 def stands(
     view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
 ) -> Section:
-    """The result of `standing`."""
     found: Section = msgspec.to_builtins(standing(view, now, installed, hosts))
     return found
 
@@ -118,7 +115,6 @@ def agent(seen: Seen) -> Section:
 
 
 def service(view: View, key: str, now: float) -> Section:
-    """The rate of a key and its promised rate."""
     rate, known = view.rates[key], service_at(key)
     hz = rate.hz(now)
     assert rate.last is not None, "something was received"

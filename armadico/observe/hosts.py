@@ -15,8 +15,6 @@ SKEW_S: Final = 2.0  # larger clock offsets are reported; it includes the delay 
 
 @dataclass(frozen=True)
 class HostState:
-    """One host."""
-
     name: str
     agents: tuple[str, ...]  # live agents
     lacks: tuple[str, ...] = ()  # configured agents that are not alive
@@ -24,7 +22,6 @@ class HostState:
 
     @property
     def state(self) -> str:
-        """The state as text."""
         if self.lacks and not self.agents:
             return "no agent is alive"
         if self.lacks:

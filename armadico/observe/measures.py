@@ -119,7 +119,6 @@ class Result(Struct, frozen=True):
 
     @property
     def verdict(self) -> str:
-        """The run in one line."""
         least = self.min_clearance_m
         clear = "" if least is None else f", clearance {least:.2f} m"
         return (
@@ -264,7 +263,6 @@ class RunWatch:
         return hypot(pose.x - truth.x, pose.y - truth.y), turned
 
     def result(self) -> Result:
-        """The measures so far."""
         reached, off, p = self._goal_measures()
         truth = self.view.truth
         collisions = 0 if self._origin is None else self._origin.collisions

@@ -146,7 +146,6 @@ def draw_worlds(folder: Path | str) -> list[Path]:
 
 
 def colour(holder: str | None) -> str:
-    """The colour of an agent's part of a path."""
     return NO_AGENT if holder is None else COLOURS[crc32(holder.encode()) % len(COLOURS)]
 
 
@@ -184,7 +183,6 @@ class Canvas:
         return (y, -x) if self.turned else (x, y)
 
     def direction(self, theta: float) -> float:
-        """A heading of the world in the figure."""
         return theta - pi / 2 if self.turned else theta
 
     def heading(self, title: str, *lines: str) -> list[Text]:
@@ -254,7 +252,6 @@ class Canvas:
         waypoints: Sequence[Pose],
         docks: Iterable[Pose] = (),
     ) -> None:
-        """Draw start, goal, waypoints and docks."""
         for x, y, _ in waypoints:
             px, py = self.at(x, y)
             (cross,) = self.axes.plot(
@@ -283,7 +280,6 @@ class Canvas:
             self.axes.plot(xs, ys, color=ink, linewidth=1.1, alpha=alpha, zorder=5)
 
     def explain(self) -> None:
-        """Draw the legend."""
         if self.legend:
             entries = sorted(self.legend.items(), key=lambda entry: _rank(entry[0]))
             self.figure.legend(

@@ -87,7 +87,6 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """The size of the file, bytes."""
         return self.path.stat().st_size
 
     def add(
@@ -123,7 +122,6 @@ class McapFile:
         self._writer.add_message(channel, at, sample.data, at, sequence)
 
     def flush(self) -> None:
-        """Pass everything to the operating system."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
@@ -211,7 +209,6 @@ class Recording:
 
     @property
     def path(self) -> Path:
-        """The current file."""
         return self._file.path
 
     @property
@@ -220,7 +217,6 @@ class Recording:
         return self._earlier + self._file.size
 
     def add(self, item: Heard | Presence) -> None:
-        """Write one item."""
         if isinstance(item, Presence):
             self._on_presence(item)
             return

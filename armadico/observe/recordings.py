@@ -86,7 +86,6 @@ class Row:
 
     @property
     def topic(self) -> str:
-        """The topic in the file."""
         return f"/{self.namespace}/{self.key}"
 
     @property
@@ -250,7 +249,6 @@ class Past:
 
     @property
     def paths(self) -> list[Path]:
-        """The files, in order."""
         further = (part(self.path, number) for number in count(1))
         found = [self.path]
         for path in further:

@@ -405,7 +405,6 @@ def describe_payload(kind: type[Message] | None, payload: Any) -> str:
 
 
 def describe_output(item: Sequence[Any]) -> str:
-    """One output of a journal, in one line."""
     what, *rest = item
     match what:
         case j.PUBLISH:
@@ -424,7 +423,6 @@ def describe_output(item: Sequence[Any]) -> str:
 
 
 def describe_input(entry: Entry) -> str:
-    """One input of a journal, in one line."""
     match entry[0]:
         case j.DELIVER:
             text = f"{entry[3]} {_describe_delivery(entry[3], entry[4])}"
@@ -443,7 +441,6 @@ def describe_input(entry: Entry) -> str:
 
 
 def _describe_delivery(key: str, payload: Any) -> str:
-    """A delivered payload, decoded if possible."""
     kind = kind_at(key)
     if not isinstance(payload, bytes):
         return describe_payload(kind, payload)

@@ -552,9 +552,11 @@ class _Chain:
             todo = _reachable(host)
             todo += f"; {_starts(host)}" if host in self._table else ""
             return self.end(Sort.HOST, host, what, todo)
-        names = ", ".join(sorted({agent_of(i) for i in gone}))
+        names = sorted({agent_of(i) for i in gone})
         at = f" (host {host})" if host else ""
-        what = f"{names}{at} is not alive: it ended or was disconnected {ago:.1f} s ago."
+        be, they, were = ("is", "it", "was") if len(names) == 1 else ("are", "they", "were")
+        what = f"{', '.join(names)}{at} {be} not alive: "
+        what += f"{they} ended or {were} disconnected {ago:.1f} s ago."
         what += self._last_error(last)
         return self.end(Sort.ABSENT, name, what, f"start it again: `armadico-agent {name}`")
 

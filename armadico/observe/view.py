@@ -281,7 +281,6 @@ class View:
 
     @property
     def acks(self) -> dict[str, Ack]:
-        """The newest ack of each resource."""
         return {name: each.ack for name, each in self._contested.items() if each.ack is not None}
 
     # Derived state -------------------------------------------------------------------------------

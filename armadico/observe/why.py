@@ -178,7 +178,6 @@ class Chronicle:
     # Input ---------------------------------------------------------------------------------------
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
-        """Process a liveliness token that appeared or disappeared."""
         self._advance(t)
         self.view.token(instance, there=there, t=t)
 
@@ -615,7 +614,6 @@ def _inputs(bid: BidRecord, newest: dict[str, Message], cycle: Cycle | None) -> 
 
 
 def _summary(message: Message) -> str:
-    """A state in a few words."""
     match message:
         case Pose():
             place = f"({message.x:.2f}, {message.y:.2f}, {degrees(message.theta):.0f} deg)"

@@ -126,7 +126,7 @@ def test_a_robot_that_is_sent_elsewhere_drives_on_when_an_attached_run_ends() ->
     assert sent
     assert not result.reached
     assert result.limit_s is None, "it ends at once, not at its time limit"
-    assert result.why == "another mission has taken its place"
+    assert "another mission" in result.why
     status, state = other.latest(MissionStatus, 1.0), other.latest(RobotState, 1.0)
     assert status is not None
     assert (status.mission, status.state) == (sent[0], MissionState.DRIVING)

@@ -106,11 +106,9 @@ class Robot:
             part.receive(key, message, t)
 
     def router(self, *, there: bool, t: float) -> None:
-        """Process whether the robot's router can be reached."""
         self.view.router(there=there, t=t)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
-        """Process a liveliness token that appeared or disappeared."""
         self.view.token(instance, there=there, t=t)
         for part in self._parts:
             part.on_token(instance, there=there)
@@ -124,12 +122,10 @@ class Robot:
         self._desk.on_reply(number, reply)
 
     def leave(self, browser: str) -> None:
-        """Process that a browser has disconnected."""
         for part in self._parts:
             part.on_leave(browser)
 
     def wake(self, t: float) -> None:
-        """Do what is due at t (s)."""
         for part in self._parts:
             part.wake(t)
 
@@ -222,7 +218,6 @@ class Robot:
         return {"driver": _name(driver), "contenders": rows}
 
     def _agents(self) -> list[dict[str, Any]]:
-        """The live agents, by name."""
         return [
             {"pid": 0}
             | described.agent(seen)
@@ -265,7 +260,6 @@ class Robot:
 
 
 def drawn(world: World) -> dict[str, Any]:
-    """A world's data for the page."""
     return {
         "name": world.name,
         "bounds": rounded(world.bounds),

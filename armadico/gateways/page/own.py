@@ -66,7 +66,6 @@ class StopLatch(Part):
         self._pressed: _Pressed | None = None
 
     def request(self, browser: str, request: Halt | Resume, t: float) -> None:
-        """Stop, or release the stop that the browser has shown."""
         if isinstance(request, Halt):
             self._stop(browser, request.id, t)
         else:
@@ -176,7 +175,6 @@ class Starting(Part):
         self._helpers, self._parts = tuple(helpers), parts
 
     def request(self, browser: str, request: Start, t: float) -> None:
-        """Start an agent on a host, or if none can, beside the page."""
         agent = request.agent
         if agent not in self._missing(t):
             raise RequestError(f"no host can start {agent}; run `armadico-agent {agent}`")
@@ -187,7 +185,6 @@ class Starting(Part):
         self.desk.spawn(browser, request.id, agent)
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """Add the agents that can be started."""
         parts["could"] = self._missing(t)
 
     def _missing(self, t: float) -> list[str]:
@@ -228,12 +225,10 @@ class Parameters(Part):
                     row["json"] = message.json
 
     def on_token(self, instance: str, *, there: bool) -> None:
-        """Drop the parameters of an agent that has ended."""
         if not there:
             self._rows.pop(instance, None)
 
     def show(self, parts: dict[str, Any], t: float) -> None:  # noqa: ARG002
-        """Add the parameters by agent."""
         parts["parameters"] = [
             {"agent": agent.name, "instance": agent.instance, "rows": self._rows[agent.instance]}
             for agent in self.view.agents

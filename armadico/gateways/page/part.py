@@ -89,7 +89,6 @@ class Desk:
         self._out.append(Spawn(browser, number, agent))
 
     def answer(self, browser: str, number: int, ok: bool, text: str, *, over: bool = True) -> None:
-        """Answer a browser's request."""
         self._out.append(Answer(browser, number, ok, text, over))
 
     def query(

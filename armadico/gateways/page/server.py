@@ -197,7 +197,6 @@ class Server:
         return _response(connection, 200, data, kind)
 
     async def _serve(self, connection: ServerConnection) -> None:
-        """Serve one browser until it disconnects."""
         peer = connection.remote_address
         # Unique across pages and restarts, so that no browser takes over another one's stick.
         name = f"page {next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"

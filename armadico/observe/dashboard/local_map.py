@@ -35,8 +35,6 @@ Zones = Mapping[str, Callable[[float], float]]
 
 
 class LocalView:
-    """Draws the surroundings of one robot."""
-
     def __init__(self, canvas: Canvas, zones: Zones) -> None:
         self._canvas = canvas
         self._grid: tuple[int, int, float] | None = None

@@ -30,7 +30,6 @@ class Utilities:
         self._introduced: set[tuple[str, str]] = set()
 
     def on_cycle(self, cycle: Cycle, t: float) -> None:
-        """Store the time at which a cycle was first received."""
         self._times.setdefault(cycle, t)
         while len(self._times) > CYCLES:
             del self._times[next(iter(self._times))]

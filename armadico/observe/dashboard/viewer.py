@@ -84,7 +84,6 @@ def web(uri: str, port: int) -> Viewer:
 
 
 def link(uri: str, port: int) -> str:
-    """The address for a browser."""
     return f"http://{LOOPBACK}:{port}/?{urlencode({'url': uri, 'theme': 'dark'})}"
 
 
