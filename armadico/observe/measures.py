@@ -18,7 +18,7 @@ from msgspec import Struct
 from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
-from armadico.mobile.errand import Errands, Progress, StepDone
+from armadico.mobile.errand import Errands, Progress
 from armadico.mobile.geometry import Pose2, to_world, wrap
 from armadico.mobile.messages import (
     BatteryLevel,
@@ -125,10 +125,6 @@ class Result(Struct, frozen=True):
             f"{self.outcome}; {self.tt_s:.1f} s over {self.td_m:.2f} m;"
             f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
         )
-
-
-def _row(done: StepDone) -> TaskResult:
-    return TaskResult(done.step, done.end, done.note, round(done.at, 3))
 
 
 def _own(truth: Truth) -> int:
@@ -285,7 +281,12 @@ class RunWatch:
             conditions=self.conditions,
             why=self.failed or self.waits,
             done=None if self.tasks is None else self.tasks.over and not self.tasks.failed,
-            tasks=None if self.tasks is None else tuple(map(_row, self.tasks.steps or ())),
+            tasks=None
+            if self.tasks is None
+            else tuple(
+                TaskResult(step.step, step.end, step.note, round(step.at, 3))
+                for step in self.tasks.steps or ()
+            ),
         )
 
     def _goal_measures(self) -> tuple[bool | None, float | None, float | None]:

@@ -287,12 +287,13 @@ class _Chain:
         view, name = self.view, agent_of(driver)
         claim = view.claim(WHEELS.name, self.now)
         wanted = () if claim is None or isinstance(claim.wanted, bytes) else claim.wanted
-        reason = self._reason(driver)
+        bid = view.bid(driver, WHEELS.name)
         if any(abs(each) > RESTS for each in wanted):
             return self._held_up(name)
-        if view.pose is not None and view.pose.deviation > LOST_M:
+        if self._is_lost():
             return self._lost()
-        what = f"{name} drives but finds no free path: {reason or 'no reason given'}."
+        reason = (bid.reason if bid else "") or "no reason given"
+        what = f"{name} drives but finds no free path: {reason}."
         return self.end(Sort.BLOCKED, name, what, "clear the obstacles near the robot")
 
     def _held_up(self, name: str) -> Cause:
@@ -313,10 +314,6 @@ class _Chain:
         """The agent that owns the wheels; the resource's name if it is not known."""
         owners = [a.name for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
         return owners[0] if owners else WHEELS.name
-
-    def _reason(self, instance: str) -> str:
-        bid = self.view.bid(instance, WHEELS.name)
-        return "" if bid is None else bid.reason
 
     def _no_contender(self) -> Cause:
         """The cause if no live agent competes for the wheels."""
@@ -377,7 +374,10 @@ class _Chain:
 
     def _is_old(self, bid: BidRecord) -> bool:
         state = self.view.state
-        return state is not None and not _within(bid.cycle, state.cycle, MISSED)
+        if state is None:
+            return False
+        newest = state.cycle
+        return bid.cycle.epoch != newest.epoch or newest.number - bid.cycle.number > MISSED
 
     def _no_turn(self, instance: str, bid: BidRecord) -> Cause:
         """The newest bid is old: the inputs do not arrive, or the agent hangs."""
@@ -547,7 +547,8 @@ class _Chain:
         ago = self.now - self.view.gone[last]
         there = [i for i in self.view.alive if host and self.host(i) == host]
         away = sorted({agent_of(i) for i in self.view.gone if host and self.host(i) == host})
-        if host and not there and len(away) > 1 and self._hosts() > 1:
+        hosts = len({*self._table, *(card.host for card in self.view.cards.values())})
+        if host and not there and len(away) > 1 and hosts > 1:
             what = f"No agent on {host} has been alive for {ago:.1f} s: {', '.join(away)}."
             todo = _reachable(host)
             todo += f"; {_starts(host)}" if host in self._table else ""
@@ -610,9 +611,6 @@ class _Chain:
         card = self.view.cards.get(instance)
         return "" if card is None else card.host
 
-    def _hosts(self) -> int:
-        return len({*self._table, *(card.host for card in self.view.cards.values())})
-
     def _last(self, key: str) -> float:
         rate = self.view.rates.get(key)
         return float("-inf") if rate is None or rate.last is None else rate.last
@@ -652,7 +650,3 @@ def _reachable(host: str) -> str:
 
 def _starts(host: str) -> str:
     return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"
-
-
-def _within(cycle: Cycle, newest: Cycle, cycles: int) -> bool:
-    return cycle.epoch == newest.epoch and newest.number - cycle.number <= cycles
