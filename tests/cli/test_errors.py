@@ -130,7 +130,7 @@ def test_a_recording_that_does_not_fit_costs_no_measures(
     words = ["run", "sc1", "--virtual", "--sensors=ideal", "--json", option, file]
     done = on_a_small_disk(*words, cwd=tmp_path)
     assert done.returncode == options.FAILED
-    assert f"armadico: {file}: is not whole" in done.stderr
+    assert f"armadico: {file}: is incomplete" in done.stderr
     assert "Traceback" not in done.stderr
     assert '"reached": true' in done.stdout
 
