@@ -372,6 +372,22 @@ def _scanned(
     return Log(path.name, *parts, rows, readings, real=real, notes=table.notes)
 
 
+def of_scans(
+    path: Path,
+    times: Floats,
+    odometry: Floats,
+    ranges: Floats,
+    angles: tuple[float, float],
+    mount: Pose2,
+    reach: float | None,
+    notes: tuple[str, ...],
+) -> Log:
+    """A log of scans (n, k) in m and the odometry of each (n, 3). Raises LogError."""
+    table = _Table(times, odometry, np.full((len(times), 3), np.nan), notes)
+    kept = table.clean(path)
+    return _scanned(path, table, ranges[kept], 1.0, angles, real=True, reach=reach, mount=mount)
+
+
 def _reach(ranges: NDArray[Any], scale: float) -> float:
     """The range at which and beyond which nothing was seen, m."""
     finite = ranges[np.isfinite(ranges)]
@@ -416,10 +432,12 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
     scans, odometry, broken, offset = _lines(path, notes)
     if not scans:
         known = "an .npz file, a recording (.mcap) or a CARMEN log with FLASER or ROBOTLASER1"
-        unread = f" ({broken} lines could not be read)" if broken else ""
+        unread = (
+            f" ({len(broken)} lines could not be read, from line {broken[0]} on)" if broken else ""
+        )
         raise LogError(f"holds no scans{unread}; expected {known}", path)
     if broken:
-        notes.append(f"{broken} lines could not be read")
+        notes.append(f"{len(broken)} lines could not be read, the first of them line {broken[0]}")
     (count, angles), _ = Counter((len(one.ranges), one.angles) for one in scans).most_common(1)[0]
     same = [one for one in scans if (len(one.ranges), one.angles) == (count, angles)]
     if len(same) < len(scans):
@@ -489,12 +507,13 @@ def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Flo
 
 def _lines(
     path: Path, notes: list[str]
-) -> tuple[list[_Line], list[tuple[float, Pose2]], int, float]:
-    """Scans, odometry, the number of broken lines, and the scanner's offset ahead, m."""
+) -> tuple[list[_Line], list[tuple[float, Pose2]], list[int], float]:
+    """Scans, odometry, the numbers of broken lines, and the scanner's offset ahead, m."""
     scans: list[_Line] = []
     odometry: list[tuple[float, Pose2]] = []
-    broken, offset = 0, 0.0
-    for words in _fields(path, notes):
+    broken: list[int] = []
+    offset = 0.0
+    for number, words in _fields(path, notes):
         try:
             match words[0]:
                 case "FLASER":
@@ -508,12 +527,12 @@ def _lines(
                 case "PARAM" if words[1] in {"robot_frontlaser_offset", "robot_front_laser_offset"}:
                     offset = float(words[2])
         except (ValueError, IndexError):
-            broken += 1
+            broken.append(number)
     return scans, odometry, broken, offset
 
 
-def _fields(path: Path, notes: list[str]) -> Iterator[list[str]]:
-    """The fields of each line that is not empty; the file may be compressed by gzip."""
+def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """The number and the fields of each line that is not empty; the file may be compressed by gzip."""
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
     read = 0
@@ -524,7 +543,7 @@ def _fields(path: Path, notes: list[str]) -> Iterator[list[str]]:
                 read += 1
                 words = line.decode("utf-8", "replace").split()
                 if words and not words[0].startswith("#"):
-                    yield words
+                    yield read, words
         except (EOFError, zlib.error, gzip.BadGzipFile):
             notes.append(f"the file is incomplete; it ends after {read} lines")
 

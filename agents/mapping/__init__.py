@@ -1,0 +1,1 @@
+"""Mapping with unknown poses (SLAM) from a laser and odometry."""

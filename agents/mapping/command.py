@@ -1,0 +1,295 @@
+"""Make a map of a log by SLAM."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, Must, argument, between, flag, option, several
+
+if TYPE_CHECKING:
+    from armadico.agents.mapping.run import Figures, Mapped
+    from armadico.agents.mapping.slam import SlamParameters
+    from armadico.observe.logs import Log
+
+DRIFT: Final = 0.05
+"""Errors that are added to an odometry that has none."""
+
+THERE: Final = Must(Path.exists, "no such file or folder")
+REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
+
+EXAMPLES: Final = """\
+  armadico slam office.log.gz -o office.yaml                 a CARMEN log
+  armadico slam intel.npz -o intel.yaml --picture intel.png  and the map with path and loops
+  armadico slam run.mcap -o room.yaml                        a recording, without its true poses
+  armadico slam bag/ -o flat.yaml --scan /scan --odom /odom  a ROS 2 bag; needs armadico[bags]
+  armadico slam freiburg.npz -o map.yaml --drift 0.15 --json errors added to a corrected path
+  armadico slam hall.npz -o hall.yaml --set max_range=30
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    log: Path = argument("the log: .npz, CARMEN, recording, or ROS bag", metavar="LOG", must=THERE)
+    output: Path | None = option(
+        "write the map: .yaml (with .pgm) or .map; the path goes to FILE with .tum (default:"
+        " write nothing)",
+        "-o",
+        "--output",
+        metavar="FILE",
+    )
+    picture: Path | None = option("draw the map, the path and the loops", metavar="FILE.png")
+    drift: float | None = option(
+        "add errors to the odometry, as a share of ways and turns (default: 0;"
+        f" {DRIFT:g} where the odometry is a corrected path)",
+        metavar="SHARE",
+        must=between(0, 1),
+    )
+    seed: int = option("seed of these errors (default: 0)", default=0, metavar="N")
+    no_loops: bool = flag("close no loops: scan matching alone")
+    sets: tuple[str, ...] = several(
+        "set a parameter of SLAM, such as max_range=30 or graph.loss=none; may be repeated",
+        "--set",
+        metavar="KEY=VALUE",
+    )
+    reach: float | None = option(
+        "the scanner's longest range (default: the log's)", metavar="M", must=REACH
+    )
+    corrected: bool | None = flag(
+        "the poses of a CARMEN log are corrected (default: as for armadico localize)",
+        default=None,
+    )
+    namespace: str | None = option("the robot, of a recording of several", metavar="NS")
+    scan: str | None = option(
+        "the topic of a bag with the scans (default: the only LaserScan)", metavar="TOPIC"
+    )
+    odom: str | None = option(
+        "the topic of a bag with the odometry (default: the only Odometry)", metavar="TOPIC"
+    )
+    json: bool = flag("print one JSON object on stdout")
+
+
+def run(args: Options) -> int:
+    """Make the map; 0 if it was made, also if it is uncertain."""
+    parameters = _parameters(args)
+    _check(args)
+    from armadico.agents.mapping import run as runs
+    from armadico.cli.pool import progress
+
+    say = options.teller("armadico slam")
+    log, drift = _log(args)
+    for note in log.notes:
+        say(f"note: {note}")
+    if drift and args.drift is None:
+        say(f"note: the odometry is a corrected path; errors of {drift:g} are added, see --drift")
+    with progress("slam", len(log)) as step:
+        found = runs.mapped(log, parameters, time.process_time, step)
+    written = _write(args, log, found)
+    figures = runs.figures(log, found)
+    if args.json:
+        print(json.dumps(_about(args, log, drift, figures)))
+    else:
+        _show(log, drift, figures)
+    for line in written:
+        say(line)
+    if figures.uncertain:
+        say(f"the map may be wrong: {figures.uncertain}")
+    return 0
+
+
+def _check(args: Options) -> None:
+    """Raises ConfigError or FailedError before anything is read."""
+    from armadico.config.grid_map import check_suffix, check_writable
+
+    if args.output is not None:
+        check_suffix(args.output)
+        try:
+            check_writable(args.output)
+        except OSError as error:
+            raise FailedError(f"cannot write {args.output}: {error.strerror}") from None
+    if args.picture is not None and not args.picture.resolve().parent.is_dir():
+        raise FailedError(f"cannot write {args.picture}: there is no such folder")
+
+
+def _log(args: Options) -> tuple[Log, float]:
+    """The log, and the errors that were added to it. Raises LogError, FailedError, UsageError."""
+    from armadico.observe import bags, logs
+
+    if bags.is_bag(args.log):
+        options.need("rosbags", "bags")
+        log = bags.read(args.log, scan=args.scan, odom=args.odom, reach=args.reach)
+    elif args.scan is not None or args.odom is not None:
+        raise UsageError(f"--scan, --odom: {args.log} is not a ROS bag")
+    else:
+        if not args.log.is_file():
+            raise UsageError(f"{args.log}: expected a file, or a folder with a ROS 2 bag")
+        with args.log.open("rb") as file:
+            if file.read(len(logs.MCAP)) == logs.MCAP:
+                options.need("mcap", "record")
+        given: dict[str, Any] = {"corrected": args.corrected, "namespace": args.namespace}
+        log = logs.read(args.log, reach=args.reach, **given)
+    drift = args.drift
+    if drift is None:
+        drift = 0.0 if log.real else DRIFT
+    return (logs.with_errors(log, drift, args.seed) if drift else log), drift
+
+
+def _parameters(args: Options) -> SlamParameters:
+    """Raises UsageError for what is no parameter or no value of it."""
+    from armadico.agents.mapping.slam import SlamParameters
+
+    parameters = SlamParameters(do_loop_closing=not args.no_loops)
+    for given in args.sets:
+        key, equals, value = given.partition("=")
+        if not equals:
+            raise UsageError(f"--set {given}: expected KEY=VALUE")
+        parameters = _with(parameters, key.split("."), value, key)
+    return parameters
+
+
+def _with(parameters: Any, names: list[str], value: str, key: str) -> Any:
+    """The parameters with one of them replaced; of a group its name comes first."""
+    known = [one.name for one in fields(parameters)]
+    if names[0] not in known:
+        raise UsageError(f"--set {key}: no such parameter; expected one of {', '.join(known)}")
+    old = getattr(parameters, names[0])
+    if is_dataclass(old) != (len(names) > 1):
+        raise UsageError(f"--set {key}: expected GROUP.NAME, such as matcher.resolution")
+    if len(names) > 1:
+        return replace(parameters, **{names[0]: _with(old, names[1:], value, key)})
+    try:
+        new = _valued(old, value)
+    except ValueError:
+        kind = type(old).__name__
+        expected = ", ".join(one.value for one in old.__class__) if isinstance(old, Enum) else kind
+        raise UsageError(f"--set {key}={value}: expected {expected}") from None
+    return replace(parameters, **{names[0]: new})
+
+
+def _valued(old: Any, value: str) -> Any:
+    """A text as the type of the value that it replaces. Raises ValueError."""
+    if isinstance(old, bool):
+        if value not in ("true", "false"):
+            raise ValueError(value)
+        return value == "true"
+    new = type(old)(value)
+    if isinstance(new, int | float) and not 0 <= new < 1e6:
+        raise ValueError(value)
+    return new
+
+
+def _write(args: Options, log: Log, found: Mapped) -> list[str]:
+    """Write what was asked for; a line about each. Raises FailedError, LogError, ConfigError."""
+    from armadico.agents.mapping import run as runs
+    from armadico.config import grid_map
+    from armadico.config.writing import write_files
+
+    if args.output is None and args.picture is None:
+        return []
+    cells = runs.drawn(log, found.slam)
+    lines, at = [], args.output
+    try:
+        if args.output is not None:
+            path = at = args.output.with_suffix(".tum")
+            write_files({path: runs.trajectory(found)})
+            at = args.output
+            written = [*grid_map.save(cells, args.output), path]
+            lines.append("map and path: " + ", ".join(map(str, written)))
+        if args.picture is not None:
+            from armadico.agents.mapping import view
+
+            at = args.picture
+            view.save(cells, found.slam, args.picture)
+            lines.append(f"picture: {args.picture}")
+    except OSError as error:
+        raise FailedError(f"cannot write {at}: {error.strerror or error}") from None
+    return lines
+
+
+# What came of it ----------------------------------------------------------------------------------
+
+
+def _memory_mib() -> float:
+    """The most memory that this process has used, MiB."""
+    from resource import RUSAGE_SELF, getrusage
+
+    return getrusage(RUSAGE_SELF).ru_maxrss / 1024.0  # Linux counts in KiB
+
+
+def _about(args: Options, log: Log, drift: float, figures: Figures) -> dict[str, Any]:
+    import msgspec
+
+    from armadico.observe.conditions import software
+
+    return {
+        "log": str(args.log),
+        "notes": log.notes,
+        "real_odometry": log.real,
+        "drift": drift,
+        "seed": args.seed,
+        "sets": args.sets,
+        **msgspec.to_builtins(figures),
+        "memory_most_mib": _memory_mib(),
+        "software": msgspec.to_builtins(software()),
+    }
+
+
+def _show(log: Log, drift: float, figures: Figures) -> None:
+    """Print a row for each measure."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    odometry = "real odometry" if log.real else "a corrected path"
+    added = f", errors of {drift:g} added" if drift else ""
+    table = Table(show_header=False, padding=(0, 1))
+    table.title = escape(options.shown(f"{log.name}: {odometry}{added}"))
+    table.add_column()
+    table.add_column(justify="right")
+    for name, value in _rows(figures):
+        table.add_row(name, value)
+    Console().print(table)
+
+
+def _rows(figures: Figures) -> Iterator[tuple[str, str]]:
+    f = figures
+    yield "scans, key scans", f"{f.scans}  {f.key_scans}"
+    yield "seconds, metres", f"{f.seconds:.0f}  {f.metres:.0f}"
+    if f.error_rmse_m is None:
+        yield "error", "the log has no reference"
+    else:
+        three = (f.error_rmse_m, f.error_95_m, f.error_most_m)
+        yield "error: rmse, 95 %, most, m", "  ".join(f"{value or 0.0:.3f}" for value in three)
+        yield "heading: median, degrees", f"{f.heading_median_deg or 0.0:.2f}"
+        yield "error at the time: rmse, m", f"{f.online_rmse_m or 0.0:.3f}"
+        yield "odometry alone: rmse, m", f"{f.odometry_rmse_m or 0.0:.2f}"
+    yield "loops, switched off", f"{f.loops}  {f.loops_off}"
+    if f.loops_false is not None and f.loops:
+        yield "false by the reference, of these on", f"{f.loops_false}  {f.loops_false_on}"
+    yield "key scans that fitted badly", f"{f.weak}"
+    if f.carried:
+        yield "times that the robot was carried", f"{f.carried}"
+    if f.rejected:
+        yield "scans that could not be used", f"{f.rejected}"
+    spent = (f.scan_median_ms, f.scan_95_ms, f.scan_most_ms)
+    yield "processor: median, 95 %, most, ms", "  ".join(f"{value:.1f}" for value in spent)
+    faster = f.seconds / f.total_s if f.total_s else 0.0
+    yield "processor: total, s", f"{f.total_s:.1f}  ({faster:.0f} times faster than the log)"
+    yield "memory: most, MiB", f"{_memory_mib():.0f}"
+
+
+main: Final = Command(
+    "armadico slam",
+    Options,
+    run,
+    "Make a map of a log of laser scans and odometry by SLAM, and measure the path against the"
+    " log's reference, if it has one. The same log and options give the same map.",
+    EXAMPLES,
+)

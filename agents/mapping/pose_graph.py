@@ -1,0 +1,303 @@
+"""A pose graph in the plane, optimised by Gauss-Newton on SE(2).
+
+Loop edges have a redescending kernel, dynamic covariance scaling (DCS; Agarwal et al., 2013): an
+edge that contradicts the others loses its weight. A kernel that only grows more slowly (Huber) or
+that keeps some pull (Cauchy) lets false loops fold the map.
+
+The normal equations are solved without a sparse library. Poses are ordered by their distance in
+edges from an end of the graph (Cuthill and McKee, 1969). An edge joins poses of the same or of
+neighbouring levels, so the matrix is block tridiagonal and is factorised block by block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.agents.mapping.poses import Floats, relative, wrapped
+
+Indices = NDArray[np.intp]
+
+BLOCK: Final = 12
+"""Neighbouring levels are merged until a block has so many poses: small blocks cost calls."""
+
+
+class Kernel(Enum):
+    """How the weight of a loop edge falls with its error."""
+
+    NONE = "none"
+    HUBER = "huber"
+    CAUCHY = "cauchy"
+    DCS = "dcs"
+
+    def weight(self, chi2: Floats, scale: float) -> Floats:
+        """The weight of edges with a squared error, in standard deviations."""
+        match self:
+            case Kernel.NONE:
+                return np.ones_like(chi2)
+            case Kernel.HUBER:
+                return np.minimum(1.0, np.sqrt(scale / np.maximum(chi2, 1e-9)))
+            case Kernel.CAUCHY:
+                return 1.0 / (1.0 + chi2 / scale)
+        return np.minimum(1.0, 2.0 * scale / (scale + chi2)) ** 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraphParameters:
+    """How a graph is optimised."""
+
+    loss: Kernel = Kernel.DCS  # ceres_loss_function
+    loss_scale: float = 5.0  # in squared standard deviations
+    rounds: int = 20  # max_num_iterations
+    damping: float = 1e-6
+    step: float = 1e-4  # a smaller step ends it, m and rad
+    gain: float = 1e-5  # a smaller relative gain ends it
+
+
+class Edge(NamedTuple):
+    """The pose of one node in the frame of another, as measured."""
+
+    start: int
+    end: int
+    pose: Floats  # (3,)
+    information: Floats  # (3, 3) in the frame of the start
+    loop: bool = False
+
+
+@dataclass
+class PoseGraph:
+    """Edges between numbered poses; the poses themselves belong to the caller."""
+
+    parameters: GraphParameters = field(default_factory=GraphParameters)
+    edges: list[Edge] = field(default_factory=list)
+    rounds: int = 0  # of the newest optimisation
+    weights: Floats = field(default_factory=lambda: np.zeros(0))
+    """Of the edges after the newest optimisation: 1 counts, near 0 is switched off."""
+
+    def add(self, edge: Edge) -> None:
+        """Add an edge."""
+        self.edges.append(edge)
+
+    def optimise(self, poses: Floats) -> Floats:
+        """The poses (n, 3) that fit the edges best; the first one stays.
+
+        Raises ValueError for an edge to a pose that there is not, or if the graph is not connected.
+        """
+        p, count = self.parameters, len(poses)
+        found = np.array(poses, dtype=np.float64)
+        if not self.edges or count < 2:
+            self.weights = np.ones(len(self.edges))
+            return found
+        terms = _Terms.of(self.edges)
+        if max(terms.start.max(), terms.end.max()) >= count:
+            raise ValueError(f"an edge to a pose beyond the {count} that there are")
+        order = _Order.of(count, terms)
+        before = np.inf
+        for turn in range(p.rounds):
+            errors = terms.errors(found)
+            chi2 = terms.chi2(errors)
+            weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
+            cost = float((weights * chi2).sum())
+            step = order.solve(*terms.linearised(found, errors, weights), p.damping)
+            found[1:] += step[1:]
+            found[:, 2] = wrapped(found[:, 2])
+            self.rounds = turn + 1
+            if np.abs(step).max() < p.step or abs(before - cost) < p.gain * max(1.0, cost):
+                break
+            before = cost
+        chi2 = terms.chi2(terms.errors(found))
+        self.weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
+        return found
+
+    def chi2(self, poses: Floats) -> Floats:
+        """The squared error of each edge, in standard deviations."""
+        terms = _Terms.of(self.edges)
+        return terms.chi2(terms.errors(poses))
+
+
+class _Linear(NamedTuple):
+    """The normal equations as blocks of edges: (m, 3, 3) and the gradient (n, 3)."""
+
+    start_start: Floats
+    start_end: Floats
+    end_end: Floats
+    gradient: Floats
+
+
+class _Terms(NamedTuple):
+    """Edges as arrays."""
+
+    start: Indices
+    end: Indices
+    measured: Floats
+    information: Floats
+    loop: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, edges: list[Edge]) -> _Terms:
+        return cls(
+            np.array([edge.start for edge in edges], dtype=np.intp),
+            np.array([edge.end for edge in edges], dtype=np.intp),
+            np.array([edge.pose for edge in edges]),
+            np.array([edge.information for edge in edges]),
+            np.array([edge.loop for edge in edges]),
+        )
+
+    def errors(self, poses: Floats) -> Floats:
+        step = relative(poses[self.start], poses[self.end])
+        off = step - self.measured
+        off[:, 2] = wrapped(off[:, 2])
+        return np.asarray(off, dtype=np.float64)
+
+    def chi2(self, errors: Floats) -> Floats:
+        found: Floats = np.einsum("ni,nij,nj->n", errors, self.information, errors)
+        return found
+
+    def linearised(self, poses: Floats, errors: Floats, weights: Floats) -> tuple[_Terms, _Linear]:
+        count = len(self.start)
+        step = relative(poses[self.start], poses[self.end])
+        heading = poses[self.start, 2]
+        c, s = np.cos(heading), np.sin(heading)
+        a, b = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+        a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = -c, -s, step[:, 1]
+        a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = s, -c, -step[:, 0]
+        a[:, 2, 2] = -1.0
+        b[:, 0, 0], b[:, 0, 1], b[:, 1, 0], b[:, 1, 1] = c, s, -s, c
+        b[:, 2, 2] = 1.0
+        information = self.information * weights[:, None, None]
+        aw, bw = np.swapaxes(a, 1, 2) @ information, np.swapaxes(b, 1, 2) @ information
+        gradient = np.zeros((len(poses), 3))
+        np.add.at(gradient, self.start, np.einsum("nij,nj->ni", aw, errors))
+        np.add.at(gradient, self.end, np.einsum("nij,nj->ni", bw, errors))
+        return self, _Linear(aw @ a, aw @ b, bw @ b, gradient)
+
+
+@dataclass(frozen=True)
+class _Order:
+    """The poses but the first one in levels of a breadth-first search, merged to blocks."""
+
+    block: Indices  # (n,) of each pose; -1: fixed
+    place: Indices  # (n,) in its block
+    sizes: list[int]
+
+    @classmethod
+    def of(cls, count: int, terms: _Terms) -> _Order:
+        """Raises ValueError if a pose is connected with none."""
+        beside = _neighbours(count, terms)
+        free = np.ones(count, dtype=np.bool_)
+        free[0] = False
+        block = np.full(count, -1, dtype=np.intp)
+        place = np.zeros(count, dtype=np.intp)
+        sizes: list[int] = []
+        seen = ~free
+        for pose in range(1, count):
+            if seen[pose]:
+                continue
+            # Two searches: the farthest pose of the first one is an end of the graph.
+            levels = _levels(pose, beside, seen.copy())
+            levels = _levels(int(levels[-1][0]), beside, seen)
+            opened = -1
+            for level in levels:
+                if opened < 0 or sizes[opened] >= BLOCK:
+                    sizes.append(0)
+                    opened = len(sizes) - 1
+                block[level] = opened
+                place[level] = sizes[opened] + np.arange(len(level))
+                sizes[opened] += len(level)
+        return cls(block, place, sizes)
+
+    def solve(self, terms: _Terms, linear: _Linear, damping: float) -> Floats:
+        """The step (n, 3) of Gauss-Newton. Raises ValueError if a pose is not determined."""
+        sizes, first = self.sizes, np.concatenate([[0], np.cumsum(self.sizes)])
+        diagonal = [np.zeros((size, size, 3, 3)) for size in sizes]
+        beside = [np.zeros((a, b, 3, 3)) for a, b in pairwise(sizes)]
+        i, j = self.block[terms.start], self.block[terms.end]
+        p, q = self.place[terms.start], self.place[terms.end]
+        for own, at, part in ((i, p, linear.start_start), (j, q, linear.end_end)):
+            for k, edges in _grouped(own):
+                np.add.at(diagonal[k], (at[edges], at[edges]), part[edges])
+        flipped = np.swapaxes(linear.start_end, 1, 2)
+        free = (i >= 0) & (j >= 0)
+        for k, edges in _grouped(np.where(free & (i == j), i, -1)):
+            np.add.at(diagonal[k], (p[edges], q[edges]), linear.start_end[edges])
+            np.add.at(diagonal[k], (q[edges], p[edges]), flipped[edges])
+        for k, edges in _grouped(np.where(free & (j == i + 1), i, -1)):
+            np.add.at(beside[k], (p[edges], q[edges]), linear.start_end[edges])
+        for k, edges in _grouped(np.where(free & (i == j + 1), j, -1)):
+            np.add.at(beside[k], (q[edges], p[edges]), flipped[edges])
+        free_poses = np.flatnonzero(self.block >= 0)
+        right = np.zeros((first[-1], 3))
+        rows = first[self.block[free_poses]] + self.place[free_poses]
+        right[rows] = -linear.gradient[free_poses]
+        solved = _block_tridiagonal(
+            [_flat(part) + damping * np.eye(3 * len(part)) for part in diagonal],
+            [_flat(part) for part in beside],
+            [right[a:b].ravel() for a, b in pairwise(first)],
+        )
+        step = np.zeros_like(linear.gradient)
+        step[free_poses] = np.concatenate(solved).reshape(-1, 3)[rows]
+        return step
+
+
+def _neighbours(count: int, terms: _Terms) -> list[Indices]:
+    """The poses that each pose has an edge to, in ascending order."""
+    ends = np.concatenate([terms.start, terms.end])
+    others = np.concatenate([terms.end, terms.start])
+    order = np.lexsort((others, ends))
+    cuts = np.searchsorted(ends[order], np.arange(1, count))
+    return np.split(others[order], cuts)
+
+
+def _levels(root: int, beside: list[Indices], seen: NDArray[np.bool_]) -> list[Indices]:
+    """Poses by their distance from a root; marks them as seen."""
+    seen[root] = True
+    levels = [np.array([root], dtype=np.intp)]
+    while True:
+        near = np.unique(np.concatenate([beside[pose] for pose in levels[-1].tolist()]))
+        near = near[~seen[near]]
+        if not len(near):
+            return levels
+        seen[near] = True
+        levels.append(near)
+
+
+def _grouped(blocks: Indices) -> list[tuple[int, Indices]]:
+    """The edges of each block that is not negative."""
+    order = np.argsort(blocks, kind="stable")
+    kinds, begins = np.unique(blocks[order], return_index=True)
+    parts = np.split(order, begins[1:])
+    return [(int(k), part) for k, part in zip(kinds, parts, strict=True) if k >= 0]
+
+
+def _flat(blocks: Floats) -> Floats:
+    """(a, b, 3, 3) as (3 a, 3 b)."""
+    a, b = blocks.shape[:2]
+    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * a, 3 * b))
+
+
+def _block_tridiagonal(
+    diagonal: list[Floats], beside: list[Floats], right: list[Floats]
+) -> list[Floats]:
+    """Solve a symmetric block tridiagonal system. Raises ValueError if it is singular."""
+    eliminated: list[tuple[Floats, Floats]] = []  # of each block: S^-1 B and S^-1 r
+    schur, rest = diagonal[0], right[0]
+    try:
+        for k, coupling in enumerate([*beside, np.zeros((len(right[-1]), 0))]):
+            both: Floats = np.asarray(
+                np.linalg.solve(schur, np.column_stack([coupling, rest])), dtype=np.float64
+            )
+            eliminated.append((both[:, :-1], both[:, -1]))
+            if k + 1 < len(diagonal):
+                schur = diagonal[k + 1] - coupling.T @ both[:, :-1]
+                rest = right[k + 1] - coupling.T @ both[:, -1]
+    except np.linalg.LinAlgError:
+        raise ValueError("the graph is not connected") from None
+    solved = [eliminated[-1][1]]
+    for to_next, own in reversed(eliminated[:-1]):
+        solved.append(own - to_next @ solved[-1])
+    return solved[::-1]

@@ -1,0 +1,250 @@
+"""A log taken through SLAM, and its figures."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from math import atan2, cos, degrees, sin
+from typing import Any, Final, Protocol
+
+import numpy as np
+from msgspec import Struct
+
+from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
+from armadico.agents.mapping.slam import Slam, SlamParameters
+from armadico.config.discovery import MAPPERS, find
+from armadico.config.grid_map import Cells
+from armadico.core.messages import Cycle
+from armadico.mobile.geometry import STOOD
+from armadico.mobile.messages import Pose, Scan
+from armadico.mobile.scans import bearings_of, ranges_of
+from armadico.observe.logs import Log, LogError
+
+FALSE_M: Final = 0.5
+FALSE_RAD: Final = 0.15
+"""A loop that is farther from the reference than this is counted as false."""
+
+ON: Final = 0.5
+"""A loop with more than this share of its weight is on."""
+
+
+class Figures(Struct, frozen=True):
+    """What SLAM achieved on a log. Errors are after a rigid alignment with the reference."""
+
+    scans: int
+    key_scans: int
+    seconds: float
+    metres: float
+    error_rmse_m: float | None  # of the final path (ATE)
+    error_95_m: float | None
+    error_most_m: float | None
+    heading_median_deg: float | None
+    online_rmse_m: float | None  # of the poses at the time of each scan
+    odometry_rmse_m: float | None
+    loops: int
+    loops_off: int  # switched off by the graph
+    loops_false: int | None  # farther from the reference than 0.5 m or 0.15 rad,
+    loops_false_on: int | None  # and not switched off
+    refused: dict[str, int]  # candidates, by reason
+    weak: int  # key scans that fitted badly
+    carried: int  # times that the robot was carried elsewhere
+    rejected: int  # scans that could not be used
+    revisions: int  # of the map
+    uncertain: str  # why the map may be wrong; empty if nothing speaks against it
+    scan_median_ms: float  # processor time: all scans
+    scan_95_ms: float
+    scan_most_ms: float
+    total_s: float
+    digest: int  # CRC-32 of the final path: the same for the same log and options
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What came of a log."""
+
+    slam: Slam
+    online: Floats  # (n, 3) poses at the time of each reading
+    path: Floats  # (n, 3) poses after all loops
+    times: Floats  # (n,) of the readings, s
+    spent: Floats  # (n,) processor time, s
+
+
+class Mapper(Protocol):
+    """What makes a grid of scans at known poses; installed in `armadico.mappers`."""
+
+    def see(self, pose: Any, scan: Scan) -> None:
+        """Take a scan of a robot at a pose in the world."""
+
+    def cells(self) -> Cells:
+        """The grid so far."""
+
+
+def mapped(
+    log: Log,
+    parameters: SlamParameters,
+    clock: Callable[[], float],
+    step: Callable[[], None] = lambda: None,
+) -> Mapped:
+    """Take a log through SLAM.
+
+    Args:
+        log: With scans of a laser.
+        parameters: Of SLAM.
+        clock: Tells the processor time, s.
+        step: Called for each reading.
+
+    Raises LogError if no scan can be used.
+    """
+    slam, count = Slam(parameters), len(log)
+    online, spent = np.full((count, 3), np.nan), np.zeros(count)
+    for i in range(count):
+        if log.readings.kind(i) is Scan:
+            here = log.odometry[log.rows[i]]
+            scan = _scan(log, i)
+            began = clock()
+            ranges, bearings = ranges_of(scan), bearings_of(scan)
+            origin = (scan.x, scan.y)
+            slam.add(log.time(i), here, ranges, bearings, origin=origin, number=i)
+            slam.close_loops()
+            spent[i] = clock() - began
+            online[i] = slam.pose_at(here)
+        step()
+    slam.finish()
+    if not slam.numbers:
+        raise LogError(f"{log.name}: no scan can be used: expected scans of a laser with 20 ranges")
+    times = np.array([log.time(i) for i in range(count)])
+    return Mapped(slam, online, _path(log, slam), times, spent)
+
+
+def _scan(log: Log, reading: int) -> Scan:
+    """Raises LogError for what is no scan."""
+    said = log.readings.message(reading, Cycle(1, reading), STOOD, reading)
+    assert isinstance(said, Scan), "only readings of a laser"
+    return said
+
+
+def _path(log: Log, slam: Slam) -> Floats:
+    """The pose of every reading: by odometry from key scan to key scan, which share the error."""
+    odometry = log.odometry[log.rows]
+    found = np.empty((len(odometry), 3))
+    first = slam.numbers[0]
+    found[:first] = compose(slam.poses[0], relative(odometry[first], odometry[:first]))
+    ends = [*slam.numbers, len(odometry)]
+    for key, (begin, end) in enumerate(pairwise(ends)):
+        found[begin:end] = compose(slam.poses[key], relative(odometry[begin], odometry[begin:end]))
+        if key + 1 < len(slam.poses):
+            last = compose(slam.poses[key], relative(odometry[begin], odometry[end]))
+            off = relative(last, slam.poses[key + 1])
+            share = (np.arange(end - begin) / (end - begin))[:, None]
+            found[begin:end] = compose(found[begin:end], share * off)
+    return found
+
+
+def drawn(log: Log, slam: Slam, step: Callable[[], None] = lambda: None) -> Cells:
+    """The grid of all key scans at their final poses, by the installed mapper.
+
+    Raises LogError if it has no occupied cell.
+    """
+    mapper: Mapper = find(MAPPERS, "grid").load()(0.0)
+    for number, pose in zip(slam.numbers, slam.poses.tolist(), strict=True):
+        mapper.see(Pose(Cycle(1, number), *pose), _scan(log, number))
+        step()
+    cells = mapper.cells()
+    if not cells.states.size:
+        raise LogError(f"{log.name}: no wall is seen from the path: the map is empty")
+    return cells
+
+
+def figures(log: Log, found: Mapped) -> Figures:
+    """Measure a run; against the reference, if the log has one."""
+    slam, known = found.slam, log.known
+    reference = log.reference[log.rows]
+    scored = known & ~np.isnan(found.online[:, 0])
+    errors: dict[str, float | None] = dict.fromkeys(
+        ("rmse", "most", "p95", "heading", "online", "odometry")
+    )
+    if np.count_nonzero(scored) > 1:
+        there = reference[scored]
+        fitted = aligned(found.path[scored], there)
+        off = np.hypot(*(fitted - there)[:, :2].T)
+        turned = np.abs(wrapped(fitted[:, 2] - there[:, 2]))
+        errors = {
+            "rmse": _rmse(fitted, there),
+            "p95": float(np.quantile(off, 0.95)),
+            "most": float(off.max()),
+            "heading": degrees(float(np.median(turned))),
+            "online": _rmse(aligned(found.online[scored], there), there),
+            "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
+        }
+    false, false_on = _false_loops(slam, reference)
+    spent = 1000.0 * found.spent
+    return Figures(
+        scans=len(log),
+        key_scans=len(slam.poses),
+        seconds=float(found.times[-1] - found.times[0]),
+        metres=slam.way[-1],
+        error_rmse_m=errors["rmse"],
+        error_95_m=errors["p95"],
+        error_most_m=errors["most"],
+        heading_median_deg=errors["heading"],
+        online_rmse_m=errors["online"],
+        odometry_rmse_m=errors["odometry"],
+        loops=len(slam.loops),
+        loops_off=slam.loops_off,
+        loops_false=false,
+        loops_false_on=false_on,
+        refused={reason.value: count for reason, count in slam.closer.refused.items()},
+        weak=slam.weak,
+        carried=len(slam.carried),
+        rejected=slam.rejected,
+        revisions=slam.revision,
+        uncertain=slam.uncertain,
+        scan_median_ms=float(np.median(spent)),
+        scan_95_ms=float(np.quantile(spent, 0.95)),
+        scan_most_ms=float(spent.max()),
+        total_s=float(found.spent.sum()),
+        digest=zlib.crc32(found.path.tobytes()),
+    )
+
+
+def aligned(path: Floats, reference: Floats) -> Floats:
+    """A path turned and shifted as a whole so that its positions fit the reference best."""
+    middle, there = path[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
+    spread = (path[:, :2] - middle).T @ (reference[:, :2] - there)
+    turn = atan2(spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1])
+    c, s = cos(turn), sin(turn)
+    x, y = middle
+    shift = np.array([there[0] - c * x + s * y, there[1] - s * x - c * y, turn])
+    return compose(shift, path)
+
+
+def _rmse(path: Floats, reference: Floats) -> float:
+    return float(np.sqrt(np.mean(np.sum((path - reference)[:, :2] ** 2, axis=1))))
+
+
+def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]:
+    """How many loops contradict the reference, and how many of these are on."""
+    if not slam.loops:
+        return 0, 0
+    numbers = np.array(slam.numbers)
+    starts = reference[numbers[[loop.start for loop in slam.loops]]]
+    ends = reference[numbers[[loop.end for loop in slam.loops]]]
+    off = relative(relative(starts, ends), np.array([loop.pose for loop in slam.loops]))
+    known = ~np.isnan(off[:, 0])
+    if not known.any():
+        return None, None
+    with np.errstate(invalid="ignore"):
+        false = (np.hypot(off[:, 0], off[:, 1]) > FALSE_M) | (np.abs(off[:, 2]) > FALSE_RAD)
+    on = slam.loop_weights > ON
+    return int(np.count_nonzero(false)), int(np.count_nonzero(false & on))
+
+
+def trajectory(found: Mapped) -> bytes:
+    """The final path in the TUM format: t x y z qx qy qz qw, a line for each reading."""
+    lines = ["# t x y z qx qy qz qw"]
+    for t, (x, y, theta) in zip(found.times.tolist(), found.path.tolist(), strict=True):
+        turn = f"{sin(theta / 2):.6f} {cos(theta / 2):.6f}"
+        lines.append(f"{t:.6f} {x:.4f} {y:.4f} 0 0 0 {turn}")
+    return ("\n".join(lines) + "\n").encode()

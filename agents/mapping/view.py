@@ -1,0 +1,48 @@
+"""The picture of a map: the grid, the path, the loops and where scans fitted badly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from armadico.agents.mapping.slam import Slam
+from armadico.config.grid_map import FREE, OCCUPIED, Cells
+
+SIZE: Final = 1600
+"""Pixels along the longer side, about."""
+
+SHADES: Final = np.array([190, 255, 0], dtype=np.uint8)
+PATH: Final = (40, 110, 200)
+LOOP: Final = (40, 160, 80)
+OFF: Final = (210, 60, 50)
+START: Final = (230, 140, 0)
+
+
+def picture(cells: Cells, slam: Slam) -> Image.Image:
+    """The grid with the path (blue), loops (green, red if switched off) and the start (orange)."""
+    shades = np.flipud(SHADES[np.where(cells.states == OCCUPIED, 2, cells.states == FREE)])
+    image = Image.fromarray(shades)
+    factor = SIZE / max(image.size)
+    size = max(1, round(image.width * factor)), max(1, round(image.height * factor))
+    image = image.resize(size, Image.Resampling.BOX).convert("RGB")
+    scale, height = factor / cells.cell_m, image.height
+    spots = [
+        ((x - cells.x) * scale, height - (y - cells.y) * scale) for x, y, _ in slam.poses.tolist()
+    ]
+    draw = ImageDraw.Draw(image)
+    if len(spots) > 1:
+        draw.line(spots, fill=PATH, width=2)
+    for loop, weight in zip(slam.loops, slam.loop_weights, strict=True):
+        ends = [spots[loop.start], spots[loop.end]]
+        draw.line(ends, fill=LOOP if weight > 0.5 else OFF, width=1)
+    x, y = spots[0]
+    draw.ellipse((x - 5, y - 5, x + 5, y + 5), fill=START)
+    return image
+
+
+def save(cells: Cells, slam: Slam, path: Path) -> None:
+    """Write the picture as a PNG. Raises OSError."""
+    picture(cells, slam).save(path, format="PNG")

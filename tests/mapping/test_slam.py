@@ -1,0 +1,156 @@
+"""SLAM on generated places: drift is removed, twins are not folded, the same map twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armadico.agents.mapping.loop_closure import LoopParameters
+from armadico.agents.mapping.pose_graph import GraphParameters, Kernel
+from armadico.agents.mapping.poses import compose, relative
+from armadico.agents.mapping.slam import Slam, SlamParameters
+from tests.mapping.worlds import (
+    BEARINGS,
+    cast,
+    drifted,
+    drive,
+    false_loops,
+    mapped,
+    off,
+    ring,
+    square,
+    twins,
+)
+
+PATH = square()
+
+
+def test_a_drift_of_metres_becomes_centimetres_and_the_map_is_the_same_twice() -> None:
+    odometry = drifted(PATH, 0.1, 2)
+    assert np.hypot(*(odometry - PATH)[:, :2].T).max() > 1.0
+    slam, updates = mapped(ring(), PATH, odometry)
+    assert off(slam, PATH).max() < 0.1
+    assert len(slam.loops) > 20
+    assert not false_loops(slam, PATH)
+    assert slam.revision >= 1
+    assert not slam.uncertain
+    again, _ = mapped(ring(), PATH, odometry)
+    assert again.poses.tobytes() == slam.poses.tobytes()
+    assert updates[-1].revision <= slam.revision
+
+
+def test_the_way_goes_on_after_the_last_loop() -> None:
+    slam, _ = mapped(ring(), PATH[:120], drifted(PATH[:120], 0.05, 1))
+    slam.graph.add(slam.graph.edges[0])
+    assert len(slam.loop_weights) == len(slam.loops) > 0
+    assert slam.loops_off == 0
+    assert not false_loops(slam, PATH)
+
+
+def test_loops_do_it() -> None:
+    odometry = drifted(PATH, 0.1, 2)
+    alone, _ = mapped(ring(), PATH, odometry, SlamParameters(do_loop_closing=False))
+    assert not alone.loops
+    assert alone.revision == 0
+
+
+def test_the_covariance_grows_with_the_way_and_shrinks_at_a_loop() -> None:
+    _, updates = mapped(ring(), PATH, drifted(PATH, 0.05, 1))
+    covariances = [update.covariance for update in updates if update.key]
+    deviation = np.sqrt([np.trace(each[:2, :2]) for each in covariances])
+    assert deviation[:70].max() > 5.0 * deviation[2]
+    assert deviation[-1] < 0.2 * deviation.max()
+
+
+FORCED = LoopParameters(loop_search_minimum_distance=4.0, loop_search_maximum_distance=4.0)
+CORNERS = [(-1, 0), (0, 0), (19, 0), (-1, 0), (-1, 3), (19, 3), (-1, 3), (-1, 0)]
+TWINS = drive([(float(x), float(y)) for x, y in CORNERS], step=0.4)
+
+
+def test_a_twin_corridor_is_not_folded() -> None:
+    slam, _ = mapped(twins(3.0), TWINS, drifted(TWINS, 0.1, 1))
+    assert not [weight for weight in false_loops(slam, TWINS) if weight > 0.5]
+    assert off(slam, TWINS).max() < 0.3
+
+
+def test_false_loops_to_a_twin_are_switched_off_and_without_a_kernel_they_fold_the_map() -> None:
+    slam, _ = mapped(twins(3.0), TWINS, drifted(TWINS, 0.05, 1), SlamParameters(loops=FORCED))
+    false = false_loops(slam, TWINS)
+    assert len(false) > 20
+    assert not [weight for weight in false if weight > 0.5]
+    assert off(slam, TWINS).max() < 0.3
+    assert "contradict" in slam.uncertain
+    slam.graph.parameters = GraphParameters(loss=Kernel.NONE)
+    slam.poses = slam.graph.optimise(slam.poses)
+    assert off(slam, TWINS).max() > 0.8
+
+
+def test_scans_that_cannot_be_used_are_left_out() -> None:
+    slam, pose = Slam(), PATH[0]
+    ranges = cast(ring(), pose)
+    assert slam.add(1.0, [np.nan, 0.0, 0.0], ranges, BEARINGS) is None
+    assert slam.add(1.0, pose, np.full(len(ranges), np.nan), BEARINGS) is None
+    first = slam.add(2.0, pose, ranges, BEARINGS)
+    assert first is not None
+    assert first.key
+    assert slam.add(2.0, pose, ranges, BEARINGS) is None  # time does not go on,
+    assert slam.add(1.5, pose, ranges, BEARINGS) is None  # or goes back
+    assert slam.rejected == 4
+    there = slam.add(1e9, pose, ranges, BEARINGS)  # a jump forward is no harm
+    assert there is not None
+    assert not there.key
+
+
+def test_nan_among_the_ranges_and_a_scanner_upside_down_give_the_same_map() -> None:
+    path = PATH[:40]
+    odometry = drifted(path, 0.05, 3)
+    slam, turned = Slam(), Slam()
+    for number, pose in enumerate(path):
+        ranges = cast(ring(), pose)
+        ranges[::9] = np.nan
+        slam.add(0.1 * number, odometry[number], ranges, BEARINGS, number=number)
+        turned.add(0.1 * number, odometry[number], ranges[::-1], BEARINGS[::-1], number=number)
+    assert off(slam, path).max() < 0.08
+    assert np.abs(slam.poses - turned.poses).max() < 0.02
+
+
+def test_a_scanner_that_is_not_in_the_middle() -> None:
+    slam, path = Slam(), PATH[:40]
+    for number, pose in enumerate(path):
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        at = pose[0] + 0.3 * c, pose[1] + 0.3 * s, pose[2]
+        ranges = cast(ring(), at)
+        slam.add(0.1 * number, pose, ranges, BEARINGS, origin=(0.3, 0.0), number=number)
+    assert off(slam, path).max() < 0.08
+
+
+def test_a_robot_that_is_carried_to_another_room_is_noticed() -> None:
+    hall = np.array([[30, -8, 50, -8], [50, -8, 50, 8], [50, 8, 30, 8], [30, 8, 30, -8]])
+    walls = np.concatenate([ring(), hall, ring(4.0, 2.0) + np.array([45.0, 3.0, 45.0, 3.0])])
+    slam, path, carried = Slam(), PATH[:40], drive([(33.0, -4.0), (42.0, -4.0)])
+    odometry = [*path, *compose(path[-1], relative(carried[0], carried))]
+    for number, pose in enumerate([*path, *carried]):
+        slam.add(0.1 * number, odometry[number], cast(walls, pose), BEARINGS, number=number)
+        slam.close_loops()
+        if number == len(path) - 1:
+            assert not slam.carried
+    assert len(slam.carried) == 1
+    assert "carried" in slam.uncertain
+    assert not slam.loops
+    # The new room has its own walls, as they are to each other.
+    there = slam.carried[0]
+    found = relative(slam.poses[there], slam.poses[-1])
+    truth = relative(carried[slam.numbers[there] - len(path)], carried[-1])
+    assert np.abs(found - truth).max() < 0.15
+
+
+def test_the_memory_is_bounded() -> None:
+    slam, _ = mapped(ring(), PATH[:60], PATH[:60], SlamParameters(maximum_key_scans=20))
+    assert len(slam.poses) == len(slam.clouds) == 20
+    assert slam.full
+
+
+@pytest.mark.parametrize("field", ["points", "normals"])
+def test_what_is_kept_of_a_scan_is_small(field: str) -> None:
+    slam, _ = mapped(ring(), PATH[:5], PATH[:5])
+    assert getattr(slam.clouds[0], field).dtype == np.float32
