@@ -532,7 +532,7 @@ def _lines(
 
 
 def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """The number and the fields of each line that is not empty; the file may be compressed by gzip."""
+    """The number and fields of each line that is not empty; the file may be gzipped."""
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
     read = 0
