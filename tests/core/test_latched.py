@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from armadico.core.latched import AGAIN_S, DOUBT_S, GIVE_BACK_S, PRESSES, Memory
+from armadico.core.latched import AGAIN_S, DOUBT_S, PRESSES, RESTORE_S, Memory
 from armadico.core.messages import (
     COUNTS,
     JUMP,
@@ -42,8 +42,8 @@ def knowing(*known: Latched) -> Memory:
 
 def given_back(memory: Memory, now: float = 0.0) -> list[Latched]:
     """What it gives back within the time that it may take, and nothing after."""
-    said = memory.due(now + GIVE_BACK_S)
-    assert memory.due(now + 10 * GIVE_BACK_S) == []
+    said = memory.due(now + RESTORE_S)
+    assert memory.due(now + 10 * RESTORE_S) == []
     return said
 
 
@@ -203,7 +203,7 @@ def test_nor_what_it_has_published_itself_or_heard_of_a_stop() -> None:
     memory.note(Trajectory(5, 1, GOAL))
     memory.update(Stop(7, False, "a", 1), 1.0)
     assert memory.wakeup == 1.0 + AGAIN_S[0]
-    assert memory.due(1.0 + GIVE_BACK_S) == []
+    assert memory.due(1.0 + RESTORE_S) == []
 
 
 def test_who_appears_is_given_it_again_for_once_may_be_lost() -> None:
@@ -213,7 +213,7 @@ def test_who_appears_is_given_it_again_for_once_may_be_lost() -> None:
     while (due := memory.wakeup) is not None:
         times += [due for said in memory.due(due) if said == mission]
     rounds = [1.0, *(1.0 + later for later in AGAIN_S)]
-    assert [0.0 <= at - since <= GIVE_BACK_S for at, since in zip(times, rounds, strict=True)]
+    assert [0.0 <= at - since <= RESTORE_S for at, since in zip(times, rounds, strict=True)]
 
 
 def test_each_time_by_the_fastest_alone() -> None:
@@ -223,7 +223,7 @@ def test_each_time_by_the_fastest_alone() -> None:
     memory.update(mission, 1.0)
     assert memory.due(again) in ([], [mission]), "what was heard before is not what is due now"
     memory.update(mission, again)
-    assert memory.due(again + GIVE_BACK_S) == []
+    assert memory.due(again + RESTORE_S) == []
 
 
 def test_news_is_to_be_acted_upon_and_what_is_older_is_none(memory: Memory) -> None:
@@ -375,7 +375,7 @@ def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> N
     memory.update(origin(FAR[0]), 5.0)
     memory.met(5.2)
     assert memory.due(5.0 + 0.99 * DOUBT_S) == []
-    assert memory.due(5.0 + DOUBT_S + GIVE_BACK_S) == [origin(FAR[0])]
+    assert memory.due(5.0 + DOUBT_S + RESTORE_S) == [origin(FAR[0])]
 
 
 @pytest.mark.parametrize("far", FAR)

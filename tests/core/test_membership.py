@@ -13,13 +13,13 @@ from msgspec.structs import replace
 from armadico.core.membership import (
     AGAIN_S,
     ALONE_S,
+    ANNOUNCED_S,
     CARD_S,
     GOING_S,
     GRACE_S,
     MUCH,
     QUIET_S,
     RESTLESS_S,
-    TOLD_S,
     Admission,
     Stage,
 )
@@ -43,7 +43,7 @@ def card(
 def settle(admission: Admission, now: float, until: float = 60.0) -> float:
     """Ask and look whenever it wants to; nobody answers. Returns when it did so last."""
     while True:
-        admission.questions(now)
+        admission.queries(now)
         if admission.check(now) not in (Stage.LOOKING, Stage.CLAIMING) or now >= until:
             return now
         due = admission.wakeup
@@ -63,10 +63,10 @@ def test_where_others_are_it_asks_each_for_its_card_once_and_joins() -> None:
     admission.appeared("goto", "goto-1", 0.01)  # itself
     for _ in range(2):
         admission.appeared("avoid", "avoid-2", 0.01)
-    assert admission.questions(0.01) == [("avoid", "avoid-2")]
-    assert admission.questions(0.02) == []
-    admission.answered("avoid-2", card("avoid-2"), 0.02)
-    admission.answered("avoid-2", None, 0.5)  # no more answers
+    assert admission.queries(0.01) == [("avoid", "avoid-2")]
+    assert admission.queries(0.02) == []
+    admission.on_card("avoid-2", card("avoid-2"), 0.02)
+    admission.on_card("avoid-2", None, 0.5)  # no more answers
     assert settle(admission, 0.02) == pytest.approx(0.01 + QUIET_S)
     assert admission.stage is Stage.JOINED
 
@@ -75,7 +75,7 @@ def test_where_others_are_it_asks_each_for_its_card_once_and_joins() -> None:
 def test_who_still_waits_for_something_is_not_woken_again_at_once(alone: bool) -> None:
     admission = Admission("goto", "goto-1", 0.0, alone=alone)
     admission.appeared("avoid", "avoid-2", 0.002)
-    assert admission.questions(0.002)
+    assert admission.queries(0.002)
     settled = 0.002 + QUIET_S
     assert admission.check(settled) is Stage.LOOKING, "a card may still come"
     assert admission.wakeup == pytest.approx(0.002 + CARD_S)
@@ -95,14 +95,14 @@ def test_however_many_come_and_go_it_waits_no_longer() -> None:
 def test_one_that_hangs_is_not_waited_for_and_asked_again_later() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     admission.appeared("avoid", "avoid-2", 0.0)
-    assert admission.questions(0.0)
+    assert admission.queries(0.0)
     assert settle(admission, 0.0) == pytest.approx(CARD_S)
-    admission.answered("avoid-2", None, CARD_S)
-    assert admission.questions(CARD_S) == []
+    admission.on_card("avoid-2", None, CARD_S)
+    assert admission.queries(CARD_S) == []
     assert admission.check(CARD_S + GRACE_S) is Stage.JOINED
     due = admission.wakeup
     assert due is not None
-    assert admission.questions(due) == [("avoid", "avoid-2")]
+    assert admission.queries(due) == [("avoid", "avoid-2")]
 
 
 def meet(
@@ -116,9 +116,9 @@ def meet(
 ) -> None:
     """An instance appears and gives its card, which says another protocol."""
     admission.appeared(instance.rpartition("-")[0], instance, now)
-    assert admission.questions(now)
+    assert admission.queries(now)
     said = card(instance, protocol, "lab3", 42, owns=owns, tenure=tenure)
-    admission.answered(instance, said, now)
+    admission.on_card(instance, said, now)
 
 
 def test_among_agents_of_another_protocol_it_names_one_and_does_not_join() -> None:
@@ -167,7 +167,7 @@ def replay(
     coming: list[tuple[float, str, str]] = [(at, who, "token") for who, (at, _) in comes.items()]
     now = 0.0
     while True:
-        for _, who in admission.questions(now):
+        for _, who in admission.queries(now):
             coming.append((now + comes[who][1], who, "card"))
         admission.check(now)
         due = admission.wakeup
@@ -180,7 +180,7 @@ def replay(
             if what == "token":
                 admission.appeared(news[who].name, who, now)
             else:
-                admission.answered(who, news[who], now)
+                admission.on_card(who, news[who], now)
 
 
 LATE = st.tuples(st.floats(0.001, GRACE_S - CARD_S), st.floats(0.001, 0.99 * CARD_S))
@@ -216,10 +216,10 @@ def test_an_owners_card_that_is_on_its_way_is_waited_for_at_the_end_of_the_grace
     end = settle(admission, 0.0) + GRACE_S
     meet(admission, "avoid-2", end - 0.2)
     admission.appeared("robot", "robot-3", end - 0.1)
-    assert admission.questions(end - 0.1)
+    assert admission.queries(end - 0.1)
     assert admission.check(end) is Stage.JOINED
     assert admission.wakeup == pytest.approx(end - 0.1 + CARD_S)
-    admission.answered("robot-3", card("robot-3", owns=("wheels",)), end + 0.1)
+    admission.on_card("robot-3", card("robot-3", owns=("wheels",)), end + 0.1)
     assert admission.check(100.0) is Stage.JOINED
 
 
@@ -263,10 +263,10 @@ def test_a_token_without_a_card_keeps_a_newcomer_out_once_it_could_have_gone() -
 def test_it_joins_if_the_token_goes_in_time() -> None:
     admission = Admission("robot", "robot-2", 0.0, alone=True)
     admission.appeared("robot", "robot-9", 0.0)
-    admission.questions(0.0)
+    admission.queries(0.0)
     admission.check(1.0)
     admission.disappeared("robot-9", 1.0)
-    assert settle(admission, 1.0) < 1.0 + QUIET_S + max(TOLD_S, ALONE_S, QUIET_S) + 0.01
+    assert settle(admission, 1.0) < 1.0 + QUIET_S + max(ANNOUNCED_S, ALONE_S, QUIET_S) + 0.01
     assert admission.stage is Stage.JOINED
 
 
@@ -305,12 +305,12 @@ def both_at_work(longer: int, shorter: int) -> list[Admission]:
         admission.tenure = tenure
     for admission, other in zip(both, ("robot-9", "robot-2"), strict=True):
         admission.appeared("robot", other, 50.0)
-        assert admission.questions(50.0)
+        assert admission.queries(50.0)
         assert admission.check(50.0) is Stage.JOINED, "it waits for the card, to say who that is"
     for admission, other, tenure in zip(
         both, ("robot-9", "robot-2"), (longer, shorter), strict=True
     ):
-        admission.answered(other, card(other, host="lab3", tenure=tenure), 50.1)
+        admission.on_card(other, card(other, host="lab3", tenure=tenure), 50.1)
     return both
 
 
@@ -341,9 +341,9 @@ def test_of_two_at_work_one_leaves_however_much_longer_it_has_been(more: int, lo
         for who, admission in both.items():
             admission.tenure = 4 + cycle + (more if who == longer else 0)
         for who, admission in both.items():
-            for _, other in admission.questions(now):
+            for _, other in admission.queries(now):
                 theirs = replace(card(other), tenure=both[other].tenure)
-                admission.answered(other, theirs, now)
+                admission.on_card(other, theirs, now)
             if admission.check(now) is Stage.REFUSED:
                 both[others[who]].disappeared(who, now)
     stay = [who for who, admission in both.items() if admission.stage is Stage.JOINED]
@@ -361,9 +361,9 @@ def test_a_token_without_a_card_drives_nobody_out() -> None:
     asked = 0
     for step in range(3000):
         now = 50.0 + 0.02 * step
-        if admission.questions(now):
+        if admission.queries(now):
             asked += 1
-            admission.answered("robot-0000000000000000", None, now)
+            admission.on_card("robot-0000000000000000", None, now)
         assert admission.check(now) is Stage.JOINED
     assert asked == pytest.approx(60.0 / AGAIN_S, abs=1)
 

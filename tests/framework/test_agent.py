@@ -23,7 +23,7 @@ from armadico.core.agent import (
     Social,
 )
 from armadico.core.exchange import Bid
-from armadico.core.latched import GIVE_BACK_S
+from armadico.core.latched import RESTORE_S
 from armadico.core.messages import Cycle, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, Service
@@ -314,7 +314,7 @@ def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Alone) 
     stage.cycle(STOPPED)
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
-    stage.agent.wake(stage.now + GIVE_BACK_S)
+    stage.agent.wake(stage.now + RESTORE_S)
     assert stage.collect() == [STOPPED]
     assert stage.cycle(STOPPED) == []
 
@@ -325,7 +325,7 @@ def test_a_release_is_remembered_too(stage: Alone, driver: Driver) -> None:
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
     assert driver.bids[-1].utility == 0.5
-    stage.agent.wake(stage.now + GIVE_BACK_S)
+    stage.agent.wake(stage.now + RESTORE_S)
     assert RELEASED in stage.collect()
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import pytest
 
 from armadico.core.agent import Agent, Answer, Identity, Question
-from armadico.core.driver import QUESTIONS, AskFor, Driver, Reply
+from armadico.core.driver import OPEN_QUERIES, AskFor, Driver, Reply
 from armadico.core.membership import Stage
 from armadico.core.messages import PROTOCOL, Card, Message, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
@@ -86,7 +86,7 @@ def test_who_may_not_join_remembers_nothing() -> None:
 def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
     """Who asked first has given up first: the newest still waits."""
     agent, driver, now = begun()
-    calls = [object() for _ in range(QUESTIONS + 3)]
+    calls = [object() for _ in range(OPEN_QUERIES + 3)]
     for call in calls:
         driver.asked("path/plan", encode(REQUEST), call, now)
     assert len(agent.questions) == len(calls)
