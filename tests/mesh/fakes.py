@@ -64,7 +64,7 @@ class FakeMesh(Reader, Monotonic):
         self.sent.append(encode(message) if data is None else data)
         self.published.append((key, message))
 
-    def has_said(self, key: str) -> bool:
+    def is_declared(self, key: str) -> bool:
         return any(key == said for said, _ in self.published)
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
