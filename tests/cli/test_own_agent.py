@@ -141,7 +141,7 @@ def test_in_a_virtual_run_too_a_bid_that_is_not_sound_is_told_with_whose_it_is(r
     ("name", "says"),
     [
         ("short", "propose() takes 2 positional arguments but 3 were given"),
-        ("idle", "propose(self, pose, obstacles) says what it would do"),
+        ("idle", "propose(self, pose, obstacles)"),
         ("wordy", "'sonar/obstacles' is no message with a row in the table of services"),
         ("bare", "__init__() takes 1 positional argument but 3 were given"),
     ],
