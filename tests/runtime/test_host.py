@@ -11,7 +11,7 @@ import pytest
 
 from armadico.core import messages as m
 from armadico.core.agent import INFO, WARNING, Agent, AskFor, Publish, Question
-from armadico.core.driver import LINES, LINES_A_S, QUESTIONS, REPORT_S, Announce, Driver
+from armadico.core.driver import LINES, LINES_A_S, OPEN_QUERIES, REPORT_S, Announce, Driver
 from armadico.core.exchange import Bid
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
@@ -327,7 +327,7 @@ def test_what_is_no_message_is_counted_and_said_now_and_then() -> None:
     play(host, garbage, garbage)
     assert len([text for text in logs(mesh) if "refused" in text]) == 1
     assert watcher.memory.newest(Stop) is None
-    assert len(host.drivers[0].refused) <= QUESTIONS
+    assert len(host.drivers[0].refused) <= OPEN_QUERIES
 
 
 class NumpyLike:

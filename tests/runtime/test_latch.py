@@ -233,4 +233,4 @@ def test_a_release_by_code_is_of_that_stop_and_of_no_other() -> None:
     robot.turns(3)
     assert not robot.said
     assert not robot.press.done
-    assert f"stopped by bob, and the code of that is {other.code}" in robot.press.refusal
+    assert f"stopped by bob with the code {other.code}" in robot.press.refusal

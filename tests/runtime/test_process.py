@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import pytest
 
 from armadico.core.agent import Agent, Identity, Question
-from armadico.core.driver import QUESTIONS
+from armadico.core.driver import OPEN_QUERIES
 from armadico.core.messages import Cycle, Log, Message, RobotState, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Truth
 from armadico.runtime.inbox import Inbox
@@ -227,7 +227,7 @@ def test_a_process_waits_for_its_router_until_it_has_joined_or_is_to_end() -> No
 def test_it_answers_later_and_lets_go_of_the_oldest_of_too_many_questions() -> None:
     agent = Recorder(identity("recorder"))
     host, mesh = host_of(agent)
-    calls = [FakeCall() for _ in range(QUESTIONS + 1)]
+    calls = [FakeCall() for _ in range(OPEN_QUERIES + 1)]
 
     def answer_all() -> None:
         for question in agent.questions:
@@ -241,7 +241,7 @@ def test_it_answers_later_and_lets_go_of_the_oldest_of_too_many_questions() -> N
     host.inbox.put("test", ask_all)
     host.inbox.put("test", lambda: host.inbox.put("test", answer_all))
     host.live()
-    assert [len(call.replies) for call in calls] == [0] + [1] * QUESTIONS
+    assert [len(call.replies) for call in calls] == [0] + [1] * OPEN_QUERIES
 
 
 def test_the_first_reply_counts_and_none_comes_if_nobody_gave_one() -> None:
