@@ -472,9 +472,9 @@ class Agent:
         if card.instance in self.foreign:
             return
         if card.protocol != m.PROTOCOL:
-            why = f"speaks protocol {card.protocol}, this one {m.PROTOCOL}"
+            why = f"uses protocol {card.protocol}, this agent {m.PROTOCOL}"
         elif differing := self._resource_mismatch(card):
-            why = f"means {differing}"
+            why = f"declares {differing}"
         else:
             return
         self.foreign.add(card.instance)
@@ -709,7 +709,7 @@ class Agent:
         if known.epoch == ack.cycle.epoch and known.number > ack.cycle.number:
             return False
         if ack.measured and (fault := contender.resource.fault(ack.measured)):
-            why = f"what is measured is left out: {fault}"
+            why = f"measured values are ignored: {fault}"
             self.outbox.append(Refused(contender.resource.ack_key, why))
         self._publish_all(contender.resource, contender.acked(ack, self.now))
         return True
@@ -746,10 +746,9 @@ class Agent:
 
     def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
         # Two owners that take turns are a fault; a restart of the owner is known to the operator.
-        why = "are two owners at work?" if back else "its owner was started again"
-        text = f"{key}: epoch {before:x} is silent, epoch {cycle.epoch:x} goes on ({why})"
-        text += f": followed from cycle {cycle.number} on"
-        self.log(text, WARNING if back else INFO)
+        why = "two owners may be running" if back else "its owner has restarted"
+        text = f"{key}: epoch {before:x} ended, epoch {cycle.epoch:x} began at cycle {cycle.number}"
+        self.log(f"{text} ({why})", WARNING if back else INFO)
 
     def _on_latched(self, message: m.Latched) -> bool:
         """Store a latched state, report an implausible counter; return whether it is new."""
@@ -757,12 +756,12 @@ class Agent:
         refused = memory.refused
         news = memory.update(message, self.now)
         if memory.refused != refused:
-            done, by = "not believed", ""
+            done, by = "rejected", ""
             if isinstance(message, m.Stop):
                 by = f" by {message.who}"
                 if message.stopped and self.stopped is not None:
-                    done = "stopped all the same, and counted on from what is known"
-            why = f"{done}: a {kind.__name__}{by} with a counter far beyond all that is known"
+                    done = "stopped, with the next known counter"
+            why = f"{done}: a {kind.__name__}{by} has an implausible counter"
             self.outbox.append(Refused(service_of(kind).key, why))
         return news
 
@@ -869,16 +868,16 @@ class Agent:
             return None
         try:
             if not isinstance(bid, Bid):
-                raise TypeError(f"{type(bid).__name__} is no Bid")
+                raise TypeError(f"expected a Bid, not {type(bid).__name__}")
             utility, within = float(bid.utility), bid.within
             if not 0.0 <= utility <= 1.0:
-                raise ValueError(f"its utility is {utility}, and not from 0 to 1")
+                raise ValueError(f"its utility must be from 0 to 1 (got {utility})")
             if within is not None and not isfinite(within):
                 within = None
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
-            self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
+            self.why = m.line(f"its bid is invalid: {error}")[:LONGEST_REASON]
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 
@@ -906,7 +905,7 @@ class Agent:
         """Return how a card declares a resource of this agent differently; "" if it does not."""
         own = [each.signature for each in (*self.competes_for, *self.owns)]
         differing = differently(card.declares, own)
-        return "" if differing is None else f"{differing[0]} where this one means {differing[1]}"
+        return "" if differing is None else f"{differing[0]}, this agent {differing[1]}"
 
     # Owning --------------------------------------------------------------------------------------
 
@@ -922,7 +921,7 @@ class Agent:
         resource = owned.owner.resource
         measured = self.measure(resource)
         if measured and (fault := resource.fault(measured)):
-            why = f"{type(self).__name__}.measure: {fault}; it is left out"
+            why = f"{type(self).__name__}.measure: {fault}; the values are ignored"
             self.outbox.append(Refused(resource.ack_key, why))
             measured = ()
         ack = owned.owner.ack(measured)

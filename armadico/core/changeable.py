@@ -90,15 +90,15 @@ def differences(before: Parameters, now: Parameters, names: Sequence[str]) -> li
 def _unknown(name: str, parameters: Parameters, known: Mapping[str, Allowed]) -> str:
     """Return the error for a parameter that does not exist or is not changeable."""
     if not known:
-        return "nothing of it may be changed while it is at work"
-    listed = f"those that may: {', '.join(sorted(known))}"
+        return "no parameter of this agent can be changed while it runs"
+    listed = f"can be changed: {', '.join(sorted(known))}"
     try:
         _field(type(parameters), name)
     except KeyError:
         near = get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return f"no parameter {name!r}; {hint}({listed})"
-    return f"{name} is not to be changed while it is at work ({listed})"
+    return f"{name} cannot be changed while the agent runs ({listed})"
 
 
 @cache
@@ -108,7 +108,7 @@ def _allowed(kind: type[Parameters], units: tuple[tuple[str, str], ...]) -> dict
         try:
             found[name] = _read(_field(kind, name), unit)
         except KeyError:
-            raise ValueError(f"changeable: there is no parameter {name!r}") from None
+            raise ValueError(f"changeable: no parameter {name!r}") from None
         except TypeError as error:
             raise ValueError(f"changeable: {name} is {error}") from None
     return found

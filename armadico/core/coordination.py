@@ -566,7 +566,7 @@ class Verdict(StrEnum):
     RELEASED = "released"
     LISTENING = "its owner has just started and listens for 3 cycles"
     STOPPED = "the robot is stopped"
-    OLD_CYCLE = "it answers a cycle that is too old, or not yet there"
+    OLD_CYCLE = "its cycle is stale, or too far ahead"
     STALE_BALLOT = "its ballot is smaller than the largest obeyed or received"
     OVER = "its tenure has been released"
     IMPLAUSIBLE = "its term is too far above the largest known"

@@ -69,13 +69,13 @@ class CycleClock:
         alive, same = self.alive(now), cycle.epoch == newest.epoch
         last = newest.number if same else self._left.get(cycle.epoch, -1)
         if alive and not same:
-            why = f"while epoch {newest.epoch:x} goes on (are two owners at work?)"
+            why = f"while epoch {newest.epoch:x} goes on (two owners may be running)"
             return self._astray(cycle, why)
         if cycle.number <= last:
             if not alive and self._goes_on(cycle, last, now):
                 self._return(cycle, newest, now)
                 return True
-            return False if same else self._astray(cycle, "that is over")
+            return False if same else self._astray(cycle, "that has ended")
         if not same:
             self._leave(newest)
             self._begin(cycle, now)
@@ -88,7 +88,7 @@ class CycleClock:
         if not missed:  # after a hang, an owner numbers queued packets faster than time
             lead = min(lead, max(self._lead, 0.0))
         elif alive and lead > AHEAD + 1:
-            return self._astray(cycle, "by a number that runs ahead of the time")
+            return self._astray(cycle, "with a number ahead of the time")
         self._lead = lead if alive else min(lead, 0.0)
         self.newest, self.received_at, self._steady = cycle, now, None
         if missed:
@@ -122,7 +122,7 @@ class CycleClock:
 
     def _return(self, cycle: Cycle, newest: Cycle, now: float) -> None:
         """Return to a number smaller than one that was accepted."""
-        self._astray(newest, "by a number that nobody went on with: back to the one that goes on")
+        self._astray(newest, "with a number that did not continue; returned to the one that does")
         self.returns += 1
         if cycle.epoch != newest.epoch:
             self._leave(newest)

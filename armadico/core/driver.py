@@ -366,7 +366,7 @@ class Driver:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
-        self.agent.log(f"{self.agent.instance}: refused or dropped: {text}", WARNING)
+        self.agent.log(f"{self.agent.instance}: rejected or dropped: {text}", WARNING)
         self.refused.clear()
 
     def _progress(self, now: float) -> None:
@@ -457,7 +457,7 @@ class Driver:
         self._lines -= 1.0
         if self._left_out:
             left_out, self._left_out = self._left_out, 0
-            self.agent.log(f"{left_out} lines were left out", WARNING)
+            self.agent.log(f"{left_out} log lines were dropped", WARNING)
         return True
 
 

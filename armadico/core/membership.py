@@ -252,8 +252,8 @@ class Admission:
 
     def _refuse_among(self, foreign: Card) -> None:
         self._refuse(
-            f"{_shown(foreign)} speaks protocol {foreign.protocol}, this one {PROTOCOL}; install"
-            " the same armadico on every machine, or name another namespace: --namespace"
+            f"{_shown(foreign)} uses protocol {foreign.protocol}, this agent {PROTOCOL}; install"
+            " the same armadico on every machine, or use another namespace: --namespace"
         )
 
     def _refuse_for(self, rival: str) -> None:
@@ -264,7 +264,7 @@ class Admission:
             return
         self._refuse(
             f"another {self._name} agent is alive already: {_shown(card) if card else rival};"
-            " end that one, or name another namespace: --namespace"
+            " end that one, or use another namespace: --namespace"
         )
 
     def _refuse(self, why: str) -> None:

@@ -118,7 +118,7 @@ class Ordered:
         """Process the reply; return why it was refused, "" if it was not."""
         if reply is None or reply.refusal:
             self._on(Event.REFUSED)
-            return "nobody takes missions" if reply is None else reply.refusal
+            return "no interface agent answers" if reply is None else reply.refusal
         self.own.add(reply.mission)
         withdrawn = self.stage is Stage.WITHDRAWN
         self._on(Event.TAKEN)
