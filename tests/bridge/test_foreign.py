@@ -42,7 +42,7 @@ def test_who_means_the_wheels_otherwise_is_refused_and_both_meanings_are_said() 
     bench.robot.met(replace(means, declares=("wheels(left, right)", "gripper(f)")), bench.now)
     bench.take()
     (said,) = [text for text in bench.logs() if "avoid-2" in text]
-    assert "means wheels(left, right) where this one means wheels(v, w)" in said
+    assert "declares wheels(left, right), this agent wheels(v, w)" in said
     bench.robot.receive(Command("wheels", state.cycle, STRANGER, (0.2, 0.0)), bench.now)
     bench.status()
     assert (bench.ack().largest, bench.ack().obeyed) == (None, None)

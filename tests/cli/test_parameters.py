@@ -85,7 +85,7 @@ def test_all_that_may_be_changed_is_a_table_and_json(
         ("goto v_max=-inf", 1, "goto: v_max = -Infinity: expected a number above 0"),
         ("goto v_max=quick", 1, 'goto: v_max = "quick": expected a number above 0'),
         ("goto v_mx=0.4", 1, "goto: no parameter 'v_mx'; did you mean 'v_max'?"),
-        ("goto controller=fast", 1, "controller is not to be changed while it is at work"),
+        ("goto controller=fast", 1, "controller cannot be changed while the agent runs"),
         (f"goto {'v' * 200}=1", 1, "goto: ParametersRequest cannot be sent: "),
         ("gto v_max=0.4", 1, "no agent 'gto' is alive; did you mean 'goto'? there are: goto"),
         ("goto v_max", 2, "v_max: expected NAME=VALUE, for instance v_max=0.4"),

@@ -202,7 +202,7 @@ def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:
 
 
 def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
-    take = Agent._take_latched
+    take = Agent._receive_latched
 
     def taken(self: Agent, message: Latched) -> bool:
         if not (isinstance(self, robot.Robot) and isinstance(message, Stop)):
@@ -211,18 +211,18 @@ def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
             self.rest(WHEELS)
         return False
 
-    patch.setattr(Agent, "_take_latched", taken)
+    patch.setattr(Agent, "_receive_latched", taken)
 
 
 def stops_again_by_an_old_stop(patch: pytest.MonkeyPatch) -> None:
-    """As long as a late one comes nobody is told that it was released."""
-    hear = Memory._hear_stop
+    """A late copy of a released stop stops the robot again."""
+    update = Memory._update_stop
 
-    def heard(self: Memory, stop: Stop, now: float) -> bool:
+    def updated(self: Memory, stop: Stop, now: float) -> bool:
         self._presses.clear()
-        return hear(self, stop, now)
+        return update(self, stop, now)
 
-    patch.setattr(Memory, "_hear_stop", heard)
+    patch.setattr(Memory, "_update_stop", updated)
 
 
 def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:

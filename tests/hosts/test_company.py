@@ -74,7 +74,7 @@ def test_a_newcomer_among_agents_of_another_protocol_refuses_and_names_one(
     assert done.returncode == 2
     for part in ("driver-", "host lab2", f"pid {stranger.pid}"):
         assert part in done.stderr
-    assert f"speaks protocol {PROTOCOL + 1}, this one {PROTOCOL}" in done.stderr
+    assert f"uses protocol {PROTOCOL + 1}, this agent {PROTOCOL}" in done.stderr
 
 
 @pytest.mark.parametrize("kind", ["driver", "foreign"])
@@ -88,7 +88,7 @@ def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_na
     if kind == "driver":
         observer.until(lambda: observer.holder.startswith("driver-"), "it is obeyed")
         return
-    named = f"host lab2, pid {stranger.pid}) speaks protocol {PROTOCOL + 1}"
+    named = f"host lab2, pid {stranger.pid}) uses protocol {PROTOCOL + 1}"
     observer.until(lambda: any(named in text for text in observer.logs), "it is named")
     observer.cycles(10)
     assert observer.acks[-1].obeyed is None

@@ -66,7 +66,7 @@ def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> No
     second = call("up", "--host", "robot", on="another user")
     assert second.returncode == 1
     assert "robot ended with status 2, and is not started again" in second.stderr
-    assert "another process has that port" in second.stderr
+    assert "another process uses that port" in second.stderr
     assert first.poll() is None
 
 

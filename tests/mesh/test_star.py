@@ -354,8 +354,8 @@ def test_nothing_of_one_robot_reaches_another_by_whatever_key(join: Join) -> Non
     one, two = join("lab/r1"), join("lab/r2")
     got, shared = received(two, "**"), received(two, "fleet/**")
     two.declare_alive(*GOTO)
-    asked: list[str] = []
-    two.answer("path/plan", lambda call: asked.append(call.key))
+    queried: list[str] = []
+    two.answer("path/plan", lambda call: queried.append(call.key))
     news = News(two)
     assert publishes_until(one, "fleet/pose", shared)
     shared.clear()
@@ -371,7 +371,7 @@ def test_nothing_of_one_robot_reaches_another_by_whatever_key(join: Join) -> Non
             PAUSE.wait(0.01)
     assert {key for key, _ in shared} == {"fleet/pose"}
     assert got == []
-    assert asked == []
+    assert queried == []
     assert two.refused == {}
     assert news.alive == {GOTO}
 

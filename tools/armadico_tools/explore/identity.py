@@ -39,8 +39,8 @@ _FAR: Final = 100_000  # added to what may be negative: -1 and -2 have one hash
 _CONTENDER: Final = frozenset(
     (
         *("resource", "instance", "state", "tenure", "rival", "largest", "ack", "clock"),
-        *("_exchange", "_rng", "_margin", "_compare", "_bids", "_inputs", "_heard_at"),
-        *("_looked_at", "_take_at", "_failures", "_rest_until"),
+        *("_exchange", "_rng", "_margin", "_compare", "_bids", "_inputs", "_claimed_at"),
+        *("_checked_at", "_cast_at", "_failures", "_rest_until"),
     )
 )
 _OWNER: Final = frozenset(
@@ -134,9 +134,9 @@ class _Keyed:
             self._known_ack(ack, rival, newest),
             self._clock(clock),
             self._by_cycle(c._bids, clock.newest),
-            self._since(c._heard_at),
-            silent_at > c._looked_at,
-            None if c._take_at is None else round((c._take_at * SECOND - self.tick) * 64) + _FAR,
+            self._since(c._claimed_at),
+            silent_at > c._checked_at,
+            None if c._cast_at is None else round((c._cast_at * SECOND - self.tick) * 64) + _FAR,
             min(c._failures, 3),
             max(round(c._rest_until * SECOND) - self.tick, 0),
             tuple((name, vars(c)[name]) for name in sorted(extra)) if extra else (),

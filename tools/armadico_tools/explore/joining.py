@@ -131,7 +131,7 @@ class Joiners:
         if admission.stage is Stage.REFUSED:
             return
         admission.tenure = self._tenure(who)
-        for _, other in admission.questions(self.now):
+        for _, other in admission.queries(self.now):
             self._ask(who, other)
         stage = admission.check(self.now)
         if stage in (Stage.CLAIMING, Stage.JOINED) and who not in self._shown:
@@ -211,7 +211,7 @@ class Joiners:
             return
         if card is not None and not self._up(who, other):
             card = None
-        self._those[who].answered(other, card, self.now)
+        self._those[who].on_card(other, card, self.now)
         self._progress(who)
 
     def _cut(self, link: frozenset[str]) -> None:
