@@ -1,4 +1,4 @@
-"""Who is around a ROS 2 robot, in words."""
+"""The nodes around a ROS 2 robot, in words."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def test_a_robot_that_fits_is_named_and_that_is_all() -> None:
     assert seen([ODOM, CMD], [ROBOT, WHEELS]) == Seen("/base")
 
 
-def test_who_else_drives_is_named() -> None:
+def test_other_drivers_are_named() -> None:
     others = [ROBOT, WHEELS, Endpoint("/cmd_vel", TWIST, "/teleop", True)]
     assert seen([ODOM, CMD], [*others, Endpoint("/cmd_vel", STAMPED, "/nav", True)]) == Seen(
         "/base", ("/nav", "/teleop")
     )
 
 
-def test_nobody_is_missed_before_they_can_have_been_found() -> None:
+def test_no_node_is_missed_before_discovery_has_settled() -> None:
     assert seen([ODOM, CMD], [], settled=False) == Seen()
 
 
@@ -49,10 +49,10 @@ def test_an_empty_domain() -> None:
     )
 
 
-def test_who_looks_in_the_network_is_told_where_a_simulated_robot_is() -> None:
-    for address, told in ((Address("", 7), True), (Address("", 7, "lo"), False)):
+def test_the_hint_about_a_simulated_robot_is_for_the_network_only() -> None:
+    for address, expected in ((Address("", 7), True), (Address("", 7, "lo"), False)):
         found = judge([ODOM], "", address.where, [], True, address.lonely)
-        assert ("?interface=lo" in found.notes[0]) is told
+        assert ("?interface=lo" in found.notes[0]) is expected
         assert address.where in found.notes[0]
 
 
@@ -97,7 +97,7 @@ def test_another_type_is_named_both_ways() -> None:
 
 
 @pytest.mark.parametrize(
-    ("want", "other", "told"),
+    ("want", "other", "expected"),
     [
         (
             Wanted("scan", SCAN),
@@ -116,8 +116,8 @@ def test_another_type_is_named_both_ways() -> None:
         ),
     ],
 )
-def test_quality_that_does_not_match_is_named(want, other, told) -> None:
-    assert seen([want], [other]).notes == (told,)
+def test_quality_that_does_not_match_is_named(want, other, expected) -> None:
+    assert seen([want], [other]).notes == (expected,)
 
 
 def test_quality_that_does_match() -> None:
@@ -139,7 +139,7 @@ def test_two_robots_of_one_make_have_one_name() -> None:
     )
 
 
-def test_topics_that_nobody_has() -> None:
+def test_topics_without_endpoints_are_named() -> None:
     assert seen([ODOM, Wanted("scan", SCAN), CMD], [ROBOT]).notes == (
         "nobody publishes /scan in domain 0",
         "nobody reads /cmd_vel in domain 0",
