@@ -28,14 +28,14 @@ def first(setup: Setup, parts: Parts | None = None, faults: int = 1) -> Countere
 
 class ObeysSmaller(Owner):
     def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
-        said = super()._verdict(command, now, stopped=stopped, fault=fault)
-        return Verdict.OBEYED if said is Verdict.STALE_BALLOT else said
+        verdict = super()._verdict(command, now, stopped=stopped, fault=fault)
+        return Verdict.OBEYED if verdict is Verdict.STALE_BALLOT else verdict
 
 
 class ObeysAfterRelease(Owner):
     def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
-        said = super()._verdict(command, now, stopped=stopped, fault=fault)
-        return Verdict.OBEYED if said is Verdict.OVER and command.action is not None else said
+        verdict = super()._verdict(command, now, stopped=stopped, fault=fault)
+        return Verdict.OBEYED if verdict is Verdict.OVER and command.action is not None else verdict
 
 
 class ObeysStopped(Owner):
@@ -94,7 +94,7 @@ class NoSilence(Contender):
 
 
 class NeverListens(CycleClock):
-    """Who slept, or has just begun, takes over at once."""
+    """A contender that slept, or has just started, takes over at once."""
 
     @property
     def listening(self) -> bool:
@@ -169,7 +169,7 @@ def test_what_never_comes_right_is_found(contender: type[Contender], setup: Setu
     assert found.run.loop, "it goes on for ever"
     assert found.run.cost <= 1
     assert found.run.cycles <= 160, "it stands back for four seconds in between"
-    assert any(said.startswith(found.promise) for said in replay(found.run, parts))
+    assert any(text.startswith(found.promise) for text in replay(found.run, parts))
 
 
 def transitions(monkeypatch: pytest.MonkeyPatch, state: State, event: Event, to: Any) -> None:
@@ -270,7 +270,7 @@ class Impatient(Admission):
 @pytest.mark.parametrize(
     ("kind", "instances", "faults"), [(LargerStays, 2, 0), (BothGo, 2, 1), (Impatient, 2, 2)]
 )
-def test_a_bug_in_who_may_join_is_found(kind: type[Admission], instances: int, faults: int) -> None:
+def test_a_bug_in_admission_is_found(kind: type[Admission], instances: int, faults: int) -> None:
     parts = Parts(admission=kind)
     for backwards in (False, True):
         found = explore(Joining(instances, backwards), Limits(faults), parts)
