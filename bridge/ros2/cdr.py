@@ -50,7 +50,7 @@ class _Bounded(Buffer):
     def read_bytes(self, length: int) -> bytes:
         """Read bytes. pycdr2 passes -1 for a text of length 0, to step back over the final zero."""
         if self._pos + length > self._size:
-            raise ValueError(f"{length} bytes are said to follow")
+            raise ValueError(f"a length of {length} bytes exceeds the message")
         return super().read_bytes(length)
 
 
@@ -75,12 +75,14 @@ def decode(kind: type[M], data: bytes) -> M:
     """
     # ROS 2 uses plain CDR only, in either byte order.
     if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
-        raise ValueError(f"{len(data)} bytes are no CDR of {ros_name(kind)}")
+        raise ValueError(f"{len(data)} bytes are not CDR of {ros_name(kind)}")
     try:
         buffer = _Bounded(data, align_offset=_HEADER)
         return kind.deserialize(cast("Any", buffer))  # it accepts buffers; its annotation does not
     except Exception as error:  # struct.error, UnicodeDecodeError, and pycdr2's own
-        raise ValueError(f"{len(data)} bytes are no {ros_name(kind)}: {_first(error)}") from error
+        raise ValueError(
+            f"{len(data)} bytes are not a {ros_name(kind)}: {_first(error)}"
+        ) from error
 
 
 def ros_name(kind: type[IdlStruct]) -> str:

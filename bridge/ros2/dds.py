@@ -201,7 +201,7 @@ class DdsWire:
         found = []
         for topic, reader in self._readers.items():
             status = reader.get_requested_incompatible_qos_status()
-            found.append((topic, "asked for", status))
+            found.append((topic, "requested", status))
         for topic, writer in self._writers.items():
             found.append((topic, "offered", writer.get_offered_incompatible_qos_status()))
         return [

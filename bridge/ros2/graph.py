@@ -17,7 +17,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 SHOWN = 8
 """Most topics that are named where the robot is missing."""
 
-_NOBODY = "nobody else is there: is it on, in this network, and in this domain?"
+_ALONE = "no other node is present: is it on, in this network, and in this domain?"
 
 _TWISTS = {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"}
 """Both are in use for commands; a profile selects one."""
@@ -81,11 +81,11 @@ def judge(
             notes += _quality(want, name, other)
         if settled and not opposite:
             if want.type == ODOMETRY and not want.writes:
-                instead = _instead(want.topic, others) or f"{_NOBODY}{lonely}"
+                instead = _instead(want.topic, others) or f"{_ALONE}{lonely}"
                 absent = [f"no robot publishes {name} ({want.type}) in {where}; {instead}"]
             else:
                 does = "reads" if want.writes else "publishes"
-                missed.append(f"nobody {does} {name} in {where}")
+                missed.append(f"no node {does} {name} in {where}")
     # Without a robot the other missing topics are no news.
     notes += absent or missed
     several = len(robots) > 1
@@ -116,7 +116,7 @@ def _quality(want: Wanted, name: str, other: Endpoint) -> list[str]:
         pairs.append(("best effort", "reliable"))
     if requested.latched and not offered.latched:
         pairs.append(("volatile", "transient local"))
-    ours = (f"{other.node} asks for", "offered here") if want.writes else ("asked for here", "")
+    ours = (f"{other.node} requests", "offered here") if want.writes else ("requested here", "")
     if want.writes:
         return [f"QoS of {name}: {ours[0]} {b}, {a} is {ours[1]}" for a, b in pairs]
     return [f"QoS of {name}: {other.node} offers {a}, {b} is {ours[0]}" for a, b in pairs]
@@ -128,8 +128,8 @@ def _instead(topic: str, others: Sequence[Endpoint]) -> str:
     robots = sorted({o.topic for o in writers if o.type == ODOMETRY})
     if robots:
         same = any(name.endswith(f"/{topic}") for name in robots)
-        ask = "is that its namespace?" if same else "is it another make, with another profile?"
-        return f"there is odometry on {', '.join(robots[:SHOWN])}: {ask}"
+        question = "is that its namespace?" if same else "is it another make, with another profile?"
+        return f"there is odometry on {', '.join(robots[:SHOWN])}: {question}"
     if not others:
         return ""
     nodes = sorted({other.node for other in others})

@@ -13,7 +13,7 @@ _BEHIND = {types.BACKUP_LIMIT: 1}
 _TEXTS = {
     types.CLIFF: "a cliff",
     types.WHEEL_DROP: "a wheel that hangs in the air",
-    types.BACKUP_LIMIT: "its limit of backing, for it does not see what is behind: drive it ahead",
+    types.BACKUP_LIMIT: "its limit of backing (it does not see what is behind): drive it ahead",
 }
 
 
@@ -41,13 +41,13 @@ class Hazards:
 
     def collect(self) -> None:
         """Set the attributes to what was detected since the last call, once per cycle."""
-        felt, self._detected = self._detected, {}
-        self.ahead = sum(bit for kind, bit in _AHEAD.items() if kind in felt)
-        self.behind = sum(bit for kind, bit in _BEHIND.items() if kind in felt)
-        self.stalled, self.lifted = types.STALL in felt, types.WHEEL_DROP in felt
+        detected, self._detected = self._detected, {}
+        self.ahead = sum(bit for kind, bit in _AHEAD.items() if kind in detected)
+        self.behind = sum(bit for kind, bit in _BEHIND.items() if kind in detected)
+        self.stalled, self.lifted = types.STALL in detected, types.WHEEL_DROP in detected
         self.texts = tuple(
-            f"it feels {text} ({felt[kind]})"
+            f"it detects {text} ({detected[kind]})"
             for kind, text in _TEXTS.items()
-            if kind in felt and kind not in self._before
+            if kind in detected and kind not in self._before
         )
-        self._before = felt
+        self._before = detected

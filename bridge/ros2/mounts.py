@@ -127,16 +127,16 @@ class Mounting:
             if theirs is None:
                 if self._topic is not None and now - self._began_at >= TF_S:
                     self._notices.note(
-                        f"{self._topic.name} does not say where {frame} lies in {self.base}: the"
+                        f"{self._topic.name} has no frame {frame} below {self.base}: the"
                         f" {what} counts as mounted as in the profile, {ours.text}",
                         now,
                     )
                 return ours
             if theirs.differs(ours):
                 self._notices.note(
-                    f"the {what} ({frame}) is mounted otherwise than the profile has it:"
+                    f"the {what} ({frame}) is mounted differently from the profile:"
                     f" {theirs.text} by tf_static, which counts, and {ours.text} by the profile;"
-                    " is that right?",
+                    " check which is right",
                     now,
                 )
             mount = self._mounts[frame] = theirs
@@ -152,7 +152,7 @@ def _placed(transform: Transform) -> _Placed:
     q, t = transform.rotation, transform.translation
     norm = norm2(q)
     if not all(map(isfinite, (t.x, t.y, t.z))) or not 0.5 < norm < 2.0:
-        raise ValueError("a transform that is none: it is not finite, or no rotation")
+        raise ValueError("invalid transform: not finite, or not a rotation")
     s = 2.0 / norm
     x, y, z, w = q.x, q.y, q.z, q.w
     return np.array(

@@ -67,7 +67,7 @@ class Ros2Robot(ModelledRobot, frozen=True, forbid_unknown_fields=True, kw_only=
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.laser is not None and self.ros2.scan is None:
-            raise ValueError("a laser and no [ros2.scan]: where it is heard")
+            raise ValueError("a [laser] needs its topic, [ros2.scan]")
         self._check_sonars()
 
     @property
@@ -81,11 +81,11 @@ class Ros2Robot(ModelledRobot, frozen=True, forbid_unknown_fields=True, kw_only=
         frames = [sonar.frame for sonar in sonars]
         if None in frames or len(set(frames)) < len(frames):
             raise ValueError(
-                "of [sonar] each sonar needs a frame of its own: its readings' frame_id"
+                "each sonar of [sonar] needs a frame of its own: its readings' frame_id"
             )
         topics = self.ros2.sonar
         if len(topics) not in {min(1, len(sonars)), len(sonars)}:
             raise ValueError(
-                f"{len(sonars)} sonars and {len(topics)} tables [[ros2.sonar]], where they are"
-                " heard: it is to be one for all, or one for each"
+                f"[[ros2.sonar]] needs one table for all sonars, or one for each ({len(sonars)}"
+                f" sonars, {len(topics)} tables)"
             )

@@ -40,7 +40,7 @@ class Rangers:
         frame = message.header.frame_id
         if frame not in self._index:
             known = ", ".join(sonar.frame or "" for sonar in self._ring.sonars)
-            raise ValueError(f"a range of {frame!r}, which is none of the profile's: {known}")
+            raise ValueError(f"a range of the unknown frame {frame!r}; the profile has {known}")
         return frame
 
     def on_range(self, message: types.Range, stamp: float, now: float) -> None:
@@ -54,8 +54,8 @@ class Rangers:
             range_m = inf
         if range_m == inf and 0.0 < most < SHORT * ring.max_m:
             raise ValueError(
-                f"{frame} hears {most:g} m far, and the profile's max_m = {ring.max_m:g}: nobody"
-                " knows what is between"
+                f"{frame} has a range of {most:g} m, below the profile's max_m = {ring.max_m:g}:"
+                " obstacles between are not detected"
             )
         if not range_m > 0.0:  # also rejects NaN
             return

@@ -135,9 +135,7 @@ class SampleTransport:
                 try:
                     wants = read(payload, Wants)
                 except ValueError as error:
-                    raise TransportError(
-                        f"{self.url}: what is wanted is unclear: {error}"
-                    ) from error
+                    raise TransportError(f"{self.url}: invalid list of topics: {error}") from error
                 self.want(wants.topics)
                 continue
             with self._lock:

@@ -61,7 +61,7 @@ class Scans:
             raise UnusableScanError("its scans have no time stamp (it is 0): set one in its driver")
         if self._stamp == before:
             self._swept = swept
-            raise UnusableScanError("it says the same scan again and again")
+            raise UnusableScanError("it repeats the same scan")
         age = stamp - self._stamp
         if abs(age) > self._old_s:
             where = "older than" if age > 0.0 else "ahead of"
@@ -110,5 +110,5 @@ def _check_angles(scan: types.LaserScan) -> None:
         raise ValueError(
             f"its angles contradict each other: {count} rays from {first:.3f} rad on, each"
             f" {step:.4g} rad from the one before, end at {last:.3f} rad, and angle_max is"
-            f" {scan.angle_max:.3f}; mend its driver's settings"
+            f" {scan.angle_max:.3f}; check its driver's settings"
         )

@@ -53,9 +53,9 @@ OFTEN = 3  # odometry is decoded at most at this multiple of its rate, on averag
 # An occasional jump restarts the odometry. Repeated jumps mean that two robots publish it, or that
 # it does not report its speeds: then the pose is unknown.
 JUMPS, JUMP_FADES = 3.0, 0.2  # the limit; each cycle without a jump subtracts the latter
-JUMPING = "the odometry jumps again and again: is it that of one robot?"
+JUMPING = "the odometry jumps repeatedly: is it that of one robot?"
 
-RESTARTED = "its odometry begins elsewhere, as that of a robot that was started again"
+RESTARTED = "its odometry starts elsewhere, as after a restart of the robot"
 UNSTAMPED = "the odometry has no time stamp (it is 0)"
 SEVERAL = "more than one robot publishes odometry here, and would obey"
 
@@ -240,7 +240,7 @@ class Session:
         if self._wrong:
             return self._wrong
         if at is not None and self._now - at < self._patience / 2:
-            return f"the odometry's clock hardly goes on: no cycle in {self._patience} s"
+            return f"the odometry's clock hardly advances: no cycle in {self._patience} s"
         return f"no odometry for {self._patience} s"
 
     def _ask(self) -> None:
@@ -265,7 +265,7 @@ class Session:
         elif topic == SEEN:
             self._on_seen(read(payload, Seen))
         elif not self._sensors.receive(topic, payload, self._now) and not self.is_open:
-            self._received = f"{topic} comes"
+            self._received = f"{topic} arrives"
 
     def _on_seen(self, seen: Seen) -> None:
         """Report changes of the other nodes."""
@@ -337,13 +337,13 @@ class Session:
         norm = norm2(q)
         if not all(map(isfinite, (place.x, place.y, norm, v, w))) or not 0.5 < norm < 2.0:
             self.counts.malformed += 1
-            self._wrong = "the odometry says what is no pose"
+            self._wrong = "the odometry has an invalid pose"
             return None
         limits = self._profile.limits
         most, most_w = ABSURD * limits.v_max + ABSURD_M_S, ABSURD * limits.w_max + ABSURD_RAD_S
         if abs(v) > most or abs(w) > most_w or max(abs(place.x), abs(place.y)) > 1e5:
             self.counts.absurd += 1
-            self._wrong = f"the odometry says {v:.2f} m/s, {w:.2f} rad/s"
+            self._wrong = f"the odometry has impossible speeds: {v:.2f} m/s, {w:.2f} rad/s"
             return None
         self._sensors.on_odometry(odometry)
         return Measured(place.x, place.y, yaw(q), v, w)

@@ -45,7 +45,7 @@ class Arena:
             if robot.plant.clearance() <= 0.0:
                 x, y, _ = robot.plant.pose
                 raise ValueError(
-                    f"a robot cannot start at {x:g}, {y:g}: it would stand in something"
+                    f"a robot cannot start at {x:g}, {y:g}: it would overlap an obstacle"
                 )
 
     def advance(self, now: float) -> None:

@@ -202,8 +202,8 @@ def test_quality_that_does_not_match_is_named_and_nothing_comes(peer, line) -> N
     ours = line("", ODOM, CMD)
     seen = ours.until(lambda seen: len(seen.notes) == 2)
     assert seen.notes == (
-        "QoS of /odom: /robot offers best effort, reliable is asked for here",
-        "QoS of /cmd_vel: /robot asks for transient local, volatile is offered here",
+        "QoS of /odom: /robot offers best effort, reliable is requested here",
+        "QoS of /cmd_vel: /robot requests transient local, volatile is offered here",
     )
     assert all(topic != "odom" for topic, _ in ours.frames())
 

@@ -44,8 +44,8 @@ def test_no_node_is_missed_before_discovery_has_settled() -> None:
 def test_an_empty_domain() -> None:
     notes = seen([ODOM], []).notes
     assert notes == (
-        "no robot publishes /odom (nav_msgs/msg/Odometry) in domain 0; nobody else is there: is it"
-        " on, in this network, and in this domain?",
+        "no robot publishes /odom (nav_msgs/msg/Odometry) in domain 0; no other node is present:"
+        " is it on, in this network, and in this domain?",
     )
 
 
@@ -102,17 +102,17 @@ def test_another_type_is_named_both_ways() -> None:
         (
             Wanted("scan", SCAN),
             Endpoint("/scan", SCAN, "/lidar", True, reliable=False),
-            "QoS of /scan: /lidar offers best effort, reliable is asked for here",
+            "QoS of /scan: /lidar offers best effort, reliable is requested here",
         ),
         (
             Wanted("scan", SCAN, latched=True),
             Endpoint("/scan", SCAN, "/lidar", True),
-            "QoS of /scan: /lidar offers volatile, transient local is asked for here",
+            "QoS of /scan: /lidar offers volatile, transient local is requested here",
         ),
         (
             Wanted("cmd_vel", TWIST, writes=True, reliable=False),
             Endpoint("/cmd_vel", TWIST, "/base", False),
-            "QoS of /cmd_vel: /base asks for reliable, best effort is offered here",
+            "QoS of /cmd_vel: /base requests reliable, best effort is offered here",
         ),
     ],
 )
@@ -141,8 +141,8 @@ def test_two_robots_of_one_make_have_one_name() -> None:
 
 def test_topics_without_endpoints_are_named() -> None:
     assert seen([ODOM, Wanted("scan", SCAN), CMD], [ROBOT]).notes == (
-        "nobody publishes /scan in domain 0",
-        "nobody reads /cmd_vel in domain 0",
+        "no node publishes /scan in domain 0",
+        "no node reads /cmd_vel in domain 0",
     )
 
 
