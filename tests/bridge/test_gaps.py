@@ -42,13 +42,13 @@ def test_no_shipped_laser_is_limited(name: str) -> None:
     assert not gaps.told
 
 
-def test_fewer_rays_are_slower_and_8_and_16_are_said() -> None:
+def test_fewer_rays_limit_the_speed_and_8_and_16_are_reported() -> None:
     found = [Gaps(jackal(rays)) for rays in (8, 16, 36)]
     assert found[0].v_max < found[1].v_max < found[2].v_max
     assert all(gaps.told for gaps in found[:2])
 
 
-def test_sonars_hear_what_is_between_the_rays() -> None:
+def test_sonars_detect_what_is_between_the_rays() -> None:
     profile = load_profile("jackal-sonars")
     assert profile.laser is not None
     assert Gaps(replace(profile, laser=replace(profile.laser, rays=8))).v_max == inf

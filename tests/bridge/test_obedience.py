@@ -90,7 +90,7 @@ def test_one_that_is_slower_or_off_by_little_obeys(
     st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-2.0, 2.0)), min_size=1, max_size=40),
     st.floats(RAMPS, 3.0),
 )
-def test_whatever_is_ordered_who_follows_the_ramps_obeys(
+def test_a_robot_that_follows_the_ramps_obeys_any_order(
     orders: list[tuple[float, float]], hard: float
 ) -> None:
     """Ramps as steep as the profile's, within what a slope or a payload makes of them."""
@@ -138,7 +138,7 @@ def goes(
 @pytest.mark.parametrize(
     ("left", "right", "v"), [(0.5, 0.5, 0.3), (0.3, 0.0, 0.3), (0.15, 0.15, None)]
 )
-def test_it_is_stopped_for_good_by_the_controllers_emergency_stop_and_said(
+def test_the_controllers_emergency_stop_stops_it_and_is_reported(
     ready: Bench, left: float, right: float, v: float | None
 ) -> None:
     assert not goes(ready, left, right, v, for_s=PATIENCE_S).stopped
@@ -147,7 +147,7 @@ def test_it_is_stopped_for_good_by_the_controllers_emergency_stop_and_said(
     assert stop.by == Hand.DISOBEYS
     assert ready.sent(Cmd.E_STOP)
     assert ready.speeds()[-1] == 0
-    assert any(isinstance(m, Log) and m.level == ERROR for _, m in ready.said)
+    assert any(isinstance(m, Log) and m.level == ERROR for _, m in ready.published)
 
 
 def test_one_that_goes_on_under_a_stop_is_stopped_again_and_stays_stopped(ready: Bench) -> None:

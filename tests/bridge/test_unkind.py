@@ -1,4 +1,4 @@
-"""Our own society against the unkind controller: it relies on nobody's kindness."""
+"""The society against the unkind controller."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.programs import SOON, starter
 
 
 def agree(pose: Pose | None, truth: Truth | None) -> bool:
-    """Whether the robot rests where it believes to rest."""
+    """Whether the robot rests where it estimates to be."""
     assert pose is not None
     assert truth is not None
     turned = math.remainder(pose.theta - truth.theta, math.tau)

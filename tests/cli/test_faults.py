@@ -39,11 +39,11 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["--seeds", "0"], "--seeds 0: at least 1"),
+        (["--seeds", "0"], "--seeds must be at least 1"),
         (["--minutes", "0.1"], "from 0.2 to 60"),
         (["--first", "-1"], "at least 0"),
         (["--kind", "partitoin"], "partition"),
-        (["--repeat", CALM, "--seeds", "3"], "no --seeds"),
+        (["--repeat", CALM, "--seeds", "3"], "--seeds is not used"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments: list[str], why: str) -> None:
@@ -156,7 +156,7 @@ def test_contacts_and_what_happened_are_told(
     out = capsys.readouterr().out
     assert "contacts 0, void 4: pose 4" in out
     assert "moving 8 s, contacts void 25.0% of it: pose 25.0%" in out
-    assert "asked for again: 2" in out
+    assert "requested again: 2" in out
     assert "a better bid takes over" in out
     assert faults.main([*arguments, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -172,5 +172,5 @@ def test_a_campaign_in_which_a_situation_never_came_to_pass_fails(
     monkeypatch.setattr(series, "CAMPAIGN_S", 10.0)
     arguments = ["--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
     assert faults.main(arguments) == 1
-    assert f"never came to pass: {Sight.WATCHDOG.value}" in capsys.readouterr().out
+    assert f"never occurred: {Sight.WATCHDOG.value}" in capsys.readouterr().out
     assert faults.main([*arguments, "--kind", "hang"]) == 0

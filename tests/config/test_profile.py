@@ -159,7 +159,7 @@ def test_a_package_that_cannot_be_loaded_hides_no_other_profile() -> None:
 
 def test_a_laser_needs_a_topic(tmp_path: Path) -> None:
     path = written(tmp_path, without(find("robots", "jackal").read_text(), "ros2.scan"))
-    with pytest.raises(ConfigError, match=r"a laser and no \[ros2.scan\]"):
+    with pytest.raises(ConfigError, match="needs its topic"):
         load_profile(path)
 
 
@@ -190,9 +190,9 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, old: str, new: str, mess
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (', frame = "sonar_5"', "", "each sonar needs a frame of its own"),
-        ('"sonar_5"', '"sonar_4"', "each sonar needs a frame of its own"),
-        ("[[ros2.sonar]]", '[[ros2.sonar]]\nname = "a"\n[[ros2.sonar]]', "8 sonars and 2 tables"),
+        (', frame = "sonar_5"', "", "needs a frame of its own"),
+        ('"sonar_5"', '"sonar_4"', "needs a frame of its own"),
+        ("[[ros2.sonar]]", '[[ros2.sonar]]\nname = "a"\n[[ros2.sonar]]', "8 sonars, 2 tables"),
         ('[[ros2.sonar]]\nname = "sonar"', '[ros2.camera]\nname = "sonar"', "camera"),
         ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7, 8]", "firing_order has sonar 8"),
         ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7]", "does not have sonar 5"),
@@ -211,5 +211,5 @@ def test_sonars_that_cannot_be_told_apart_or_heard_are_refused(
 
 def test_a_topic_of_sonars_that_there_are_not_is_refused(tmp_path: Path) -> None:
     text = find("robots", "jackal").read_text() + '[[ros2.sonar]]\nname = "sonar"\n'
-    with pytest.raises(ConfigError, match="0 sonars and 1 tables"):
+    with pytest.raises(ConfigError, match="0 sonars, 1 tables"):
         load_profile(written(tmp_path, text))

@@ -94,7 +94,7 @@ class NoSilence(Contender):
 
 
 class NeverListens(CycleClock):
-    """After a hang, or a start, it takes over at once."""
+    """A contender that slept, or has just started, takes over at once."""
 
     @property
     def listening(self) -> bool:
@@ -270,9 +270,7 @@ class Impatient(Admission):
 @pytest.mark.parametrize(
     ("kind", "instances", "faults"), [(LargerStays, 2, 0), (BothGo, 2, 1), (Impatient, 2, 2)]
 )
-def test_a_bug_in_the_admission_is_found(
-    kind: type[Admission], instances: int, faults: int
-) -> None:
+def test_a_bug_in_admission_is_found(kind: type[Admission], instances: int, faults: int) -> None:
     parts = Parts(admission=kind)
     for backwards in (False, True):
         found = explore(Joining(instances, backwards), Limits(faults), parts)

@@ -28,7 +28,7 @@ from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.plan import EVERYBODY, Case, Fault, Outcome
+from armadico_tools.faults.plan import AGENTS, Case, Fault, Outcome
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
 from armadico_tools.faults.workload import case_of, run, when_broken
@@ -157,7 +157,7 @@ def mixes_up_its_axes(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Odometry, "__init__", crosswise)
 
 
-def raises_when_somebody_goes(patch: pytest.MonkeyPatch) -> None:
+def raises_when_an_agent_goes(patch: pytest.MonkeyPatch) -> None:
     def on_disappeared(self: Agent, name: str, instance: str) -> None:
         raise KeyError(name)
 
@@ -230,7 +230,7 @@ def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Agent, "stopped", None)
 
 
-def tells_nobody_of_the_stop(patch: pytest.MonkeyPatch) -> None:
+def does_not_publish_the_stop(patch: pytest.MonkeyPatch) -> None:
     publish = Agent.publish
 
     def published(self: Agent, message: Message, **names: str) -> None:
@@ -240,7 +240,7 @@ def tells_nobody_of_the_stop(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Agent, "publish", published)
 
 
-def hears_nobody_who_knows_better(patch: pytest.MonkeyPatch) -> None:
+def ignores_restored_states(patch: pytest.MonkeyPatch) -> None:
     """Localization would mend the pose within a cycle."""
     patch.setattr(Encoder, "on_correction", lambda self, correction: None)
 
@@ -256,7 +256,7 @@ def is_sure_of_what_is_wrong(patch: pytest.MonkeyPatch) -> None:
 
 
 def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
-    hears_nobody_who_knows_better(patch)
+    ignores_restored_states(patch)
     counted = Encoder.on_robot_state
 
     def on_robot_state(self: Encoder, state: RobotState) -> None:
@@ -266,7 +266,7 @@ def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
 
 
 def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
-    hears_nobody_who_knows_better(patch)
+    ignores_restored_states(patch)
     went_on = Encoder._go_on
 
     def goes_on(self: Encoder, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
@@ -278,7 +278,7 @@ def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
 
 
 def remembers_no_origin(patch: pytest.MonkeyPatch) -> None:
-    hears_nobody_who_knows_better(patch)
+    ignores_restored_states(patch)
     _forgets(patch, Origin)
 
 
@@ -287,7 +287,7 @@ def remembers_no_mission(patch: pytest.MonkeyPatch) -> None:
 
 
 def _forgets(patch: pytest.MonkeyPatch, kind: type[Latched]) -> None:
-    """Nobody gives a latched state of a kind back."""
+    """No agent restores a latched state of a kind."""
     due = Memory.due
 
     def given(self: Memory, now: float) -> list[Latched]:
@@ -330,7 +330,7 @@ class Bug:
 
 _CUT = Fault("partition", 8.0, 3.0, ("robot",), BEHAVIOURS)
 _LATE = Fault("delay", 8.0, 4.0, BEHAVIOURS, ("robot",), 0.35, 0.3)
-_SLOW = Fault("delay", 4.0, 5.0, EVERYBODY, EVERYBODY, 0.345)
+_SLOW = Fault("delay", 4.0, 5.0, AGENTS, AGENTS, 0.345)
 _LONE = Fault("lone-restart", 15.69, 0.549, ("goto",))
 _HANG = Fault("hang", 14.0, 9.0, ("robot",))
 _AGAIN = Fault("robot-restart", 8.0, 0.5, ("robot",))
@@ -368,7 +368,7 @@ BUGS = (
     Bug(orders_a_stop_late, Promise.SILENCE, case(_CUT)),
     Bug(latches_no_stop, Promise.STOP, case(_STOP)),
     Bug(drives_though_stopped, Promise.STOP, case(_STOP)),
-    Bug(tells_nobody_of_the_stop, Promise.STOP, case(_STOP, _IN_A_STOP)),
+    Bug(does_not_publish_the_stop, Promise.STOP, case(_STOP, _IN_A_STOP)),
     Bug(stops_again_by_an_old_stop, Promise.STOP, case(_OLD_STOP)),
     Bug(remembers_no_origin, Promise.POSE, case(_ENCODER)),
     Bug(remembers_no_mission, Promise.ARRIVES, case(_INTERFACE)),
@@ -377,7 +377,7 @@ BUGS = (
     Bug(jumps_in_a_new_epoch, Promise.POSE, case(_AGAIN)),
     Bug(measures_turns_the_wrong_way, Promise.ODOMETRY, case(lasts=12.0)),
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
-    Bug(raises_when_somebody_goes, Promise.NO_ERROR, case(_GONE)),
+    Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
 )
 
 

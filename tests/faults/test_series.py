@@ -19,7 +19,7 @@ SEEDS, SECONDS = (*range(235, 247), 360, 371), 30.0
 RARE = frozenset(
     {Sight.CRITICAL, Sight.OUT_OF_RANGE, Sight.WHILE_STOPPED, Sight.WATCHDOG, Sight.TOUCHED}
 )
-"""What so short runs hardly ever show; `armadico faults` asks for these too, of a campaign."""
+"""Situations that short runs hardly ever show; a campaign requires these too."""
 
 
 def outcome(once: Once, seed: int) -> Outcome:

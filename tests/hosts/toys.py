@@ -37,7 +37,7 @@ class Driver(Agent):
 def main(kind: str, host: str) -> None:
     """Run one, until it is ended."""
     logging.basicConfig(stream=sys.stderr)
-    if kind == "foreign":  # on its card; what refuses to join has asked for the number already
+    if kind == "foreign":  # on its card; an agent that refuses to join has read the number already
         messages.PROTOCOL += 1
     ahead = AHEAD_S if kind == "late" else 0.0
     mesh = endpoints(host=host, passing=False).mesh()

@@ -53,10 +53,10 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     scenario = tmp_path / "short.toml"
     scenario.write_text(SHORT)
-    told: list[str] = []
+    lines: list[str] = []
     with NamespaceHosts(str(scenario), LinkFaults(delay=0.002, jitter=0.001)) as hosts:
-        code = demo(hosts, str(scenario), told.append)
-        out = "\n".join(told)
+        code = demo(hosts, str(scenario), lines.append)
+        out = "\n".join(lines)
         assert code == 0, f"{out}\n{hosts.last_words()}"
     story = [
         "goto drives",
