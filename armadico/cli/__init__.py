@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from armadico.cli import options
-from armadico.config.discovery import COMMANDS, UnknownNameError, find, installed
+from armadico.config.discovery import COMMANDS, find, installed
+from armadico.core.errors import UnknownNameError
 
 LABORATORY: Final = "armadico-tools"
 """The distribution that brings what a robot's computer does without."""
@@ -50,7 +51,8 @@ def _dispatch(arguments: list[str]) -> int:
         found = find(COMMANDS, name)
     except UnknownNameError:
         if name in TOOLS:
-            raise UnknownNameError(f"{name!r} comes with {LABORATORY}: {GET}") from None
+            message = f"{name!r} comes with {LABORATORY}: {GET}"
+            raise UnknownNameError("command", name, (), message) from None
         raise
     command: Callable[[Sequence[str]], int] = found.load()
     return command(rest)

@@ -25,8 +25,8 @@ from armadico.cli.parsing import (
     several,
     version,
 )
-from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
+from armadico.core.errors import UnknownNameError
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,

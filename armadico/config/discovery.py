@@ -7,7 +7,6 @@ things on it are. A third party's agent is found exactly as ours are.
 from __future__ import annotations
 
 import ast
-import difflib
 import sys
 import traceback
 from collections import Counter
@@ -20,6 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from armadico.core.errors import UnknownNameError
 from armadico.core.installed import entries
 
 if TYPE_CHECKING:
@@ -62,10 +62,6 @@ MAPPERS: Final = "armadico.mappers"
 """What makes an occupancy grid of readings at known poses."""
 
 T = TypeVar("T")
-
-
-class UnknownNameError(LookupError):
-    """Nothing of that name is installed; the message lists what is, the nearest first."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +127,7 @@ def find(group: str, name: str) -> Found:
     """One thing of a group. Raises `UnknownNameError`."""
     found = installed(group)
     if name not in found:
-        raise UnknownNameError(unknown(_kind(group), name, found))
+        raise UnknownNameError(group.rpartition(".")[2].removesuffix("s"), name, found)
     return found[name]
 
 
@@ -185,14 +181,6 @@ def providers(key: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def unknown(kind: str, name: str, names: Iterable[str]) -> str:
-    """What to say when a name is not among those that exist."""
-    known = sorted(names)
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"no {kind} {name!r}; {hint}there are: {', '.join(known) or 'none'}"
-
-
 def summary(module: str, name: str = "") -> str:
     """The first line of the docstring of a module, or of what goes by a name in it.
 
@@ -233,10 +221,6 @@ def _said(error: BaseException) -> str:
 def _is_code(filename: str) -> bool:
     """Neither this file nor what imports."""
     return filename not in {__file__, import_module.__code__.co_filename} and filename[:1] != "<"
-
-
-def _kind(group: str) -> str:
-    return group.rpartition(".")[2].removesuffix("s")
 
 
 def _package(entry: EntryPoint) -> str:

@@ -19,11 +19,12 @@ from urllib.parse import urlsplit
 from msgspec import Struct
 
 from armadico.config.discovery import AGENTS, TRANSPORTS, installed, owners
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
+from armadico.core.errors import no_such
 from armadico.core.resources import WHEELS
 
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
@@ -76,7 +77,7 @@ class HostTable(Struct, frozen=True):
     def host(self, name: str) -> Host:
         """One machine. Raises ConfigError with the nearest name."""
         if name not in self.hosts:
-            raise ConfigError(f"no host {name!r}; {advice(name, self.hosts)}", self.file or None)
+            raise ConfigNameError("host", name, self.hosts, self.file or None)
         return self.hosts[name]
 
     @property
@@ -114,10 +115,9 @@ def table_path(name_or_path: str | Path) -> Path:
         return path
     shipped = shipped_tables()
     if path.name not in shipped:
-        raise ConfigError(
-            f"no host table {path.name!r}; {advice(path.name, shipped)};"
-            f" a file is named with its suffix, {path.name}.toml"
-        )
+        message = no_such("host table", path.name, shipped)
+        suffix = f"; a file is named with its suffix, {path.name}.toml"
+        raise ConfigNameError("host table", path.name, shipped, message=message + suffix)
     return shipped[path.name]
 
 

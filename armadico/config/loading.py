@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, ConfigValueError, advice
 from armadico.config.fields import choices, known_fields, unknown_field
 from armadico.config.lines import line_of
 from armadico.config.shipped import find, names, resource_path
@@ -84,7 +84,7 @@ def load_entry(path: Path | str, kind: type[T], name: str) -> T:
     """One entry of a file that `load_table` reads. Raises ConfigError with the nearest name."""
     entries = load_table(path, kind)
     if name not in entries:
-        raise ConfigError(f"no {name!r} in this file; {advice(name, entries)}", path)
+        raise ConfigNameError("entry", name, entries, path)
     return entries[name]
 
 
@@ -194,9 +194,8 @@ def convert(
         key = _UNKNOWN.match(found["what"])
         if key is not None:
             raise _unknown(kind, (*inner, key[1]), file, text, at) from None
-        known = choices(kind, inner)
-        message = _explain(_value(data, inner), at + inner, found["what"], known)
-        raise ConfigError(message, file, line_of(text, at + inner)) from None
+        error_ = _explained(_value(data, inner), at + inner, found["what"], choices(kind, inner))
+        raise error_.at(file, line_of(text, at + inner)) from None
     unknown = unknown_field(data, value)  # of structs that do not forbid it
     if unknown is not None:
         raise _unknown(kind, unknown, file, text, at)
@@ -211,8 +210,9 @@ def _unknown(
     at: tuple[str | int, ...],
 ) -> ConfigError:
     """The error for a key of `kind` that it does not know, with the nearest that it does."""
-    near = advice(str(path[-1]), known_fields(kind, path[:-1]))
-    return ConfigError(f"unknown key {_dotted(at + path)}; {near}", file, line_of(text, at + path))
+    key, known = str(path[-1]), known_fields(kind, path[:-1])
+    message = f"unknown key {_dotted(at + path)}; {advice(key, known)}"
+    return ConfigNameError("key", key, known, file, line_of(text, at + path), message)
 
 
 def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:
@@ -251,17 +251,22 @@ def _with(data: Any, at: Sequence[str | int], value: Any) -> Any:
     return items
 
 
-def _explain(value: Any, path: Sequence[str | int], what: str, known: Sequence[str]) -> str:
-    """What msgspec says of a value, with the value, its path, and what else it could be."""
+def _explained(
+    value: Any, path: Sequence[str | int], what: str, known: Sequence[str]
+) -> ConfigError:
+    """The error for what msgspec reports of a value at a path, which may be one of `known`."""
+    key = _dotted(path)
+    begin = f"{key} = {_quoted(value)}: " if path else ""
     if what.startswith("Invalid enum value"):
-        return f"{_dotted(path)} = {_quoted(value)}: {advice(str(value), known)}"
+        message = begin + advice(str(value), known)
+        return ConfigNameError(key, str(value), known, message=message)
     if what.startswith("Object missing required field"):
-        where = f" in {_dotted(path)}" if path else ""
-        return f"missing key {what.split('`')[1]}{where}"
-    wanted = _RANGE.sub(r"Expected a number \2 \3", what)
-    wanted = re.sub(r"`([\w |]+)`", lambda kinds: _named(kinds[1]), wanted)
-    wanted = wanted.replace(", got ", ", not ").replace("Expected", "expected").replace("`", "")
-    return f"{_dotted(path)} = {_quoted(value)}: {wanted}" if path else wanted
+        where = f" in {key}" if path else ""
+        return ConfigError(f"missing key {what.split('`')[1]}{where}")
+    allowed = _RANGE.sub(r"Expected a number \2 \3", what)
+    allowed = re.sub(r"`([\w |]+)`", lambda kinds: _named(kinds[1]), allowed)
+    allowed = allowed.replace(", got ", ", not ").replace("Expected", "expected").replace("`", "")
+    return ConfigValueError(key, value, allowed.removeprefix("expected "), message=begin + allowed)
 
 
 def _named(kinds: str) -> str:

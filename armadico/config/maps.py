@@ -39,7 +39,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.loading import read_text
 from armadico.config.worlds import (
     Column,
@@ -81,7 +81,7 @@ def parse_map(text: str, name: str, file: Path | str = "<text>") -> World:
             try:
                 reader.line(code, number)
             except ConfigError as error:
-                raise ConfigError(error.message, file, number) from None
+                raise error.at(file, number) from None
         elif code:
             begun = _FIRST.fullmatch(code) is not None
             if not begun:
@@ -157,7 +157,7 @@ class _Reader:
     def cairn(self, words: list[str], line: int) -> None:
         kind = words[0] if words else ""
         if kind.startswith("Armadico") and kind not in CAIRNS:
-            raise ConfigError(f"unknown type {kind!r}; {advice(kind, CAIRNS)}")
+            raise ConfigNameError("type of Cairn", kind, CAIRNS)
         if kind not in CAIRNS:
             return
         if len(words) < 7:
@@ -231,11 +231,11 @@ class _Reader:
             try:
                 check_door(door, self.rooms)
             except ConfigError as error:
-                raise ConfigError(error.message, file, number) from None
+                raise error.at(file, number) from None
         try:
             walls = tuple(self.walls) if self.walls else self._of_points()
         except ConfigError as error:
-            raise ConfigError(error.message, file) from None
+            raise error.at(file) from None
         docks = {dock: pose for dock, (pose, _) in self.docks.items()}
         doors = tuple(door for door, _ in self.doors.values())
         rooms = tuple(self.rooms.values())
@@ -251,7 +251,7 @@ class _Reader:
             try:
                 check_dock(dock, pose, world)
             except ConfigError as error:
-                raise ConfigError(error.message, file, number) from None
+                raise error.at(file, number) from None
         return world
 
     def _of_points(self) -> tuple[Segment, ...]:

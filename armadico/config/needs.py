@@ -9,7 +9,7 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import Scenario, mission_of, planned, society
@@ -48,8 +48,9 @@ def table(file: Path | None = None) -> dict[str, Need]:
     for kind, need in found.items():
         for index, other in enumerate(need.like):
             if other not in found:
-                message = f"{kind}.like[{index}]: no task {other!r}; {advice(other, found)}"
-                raise ConfigError(message, path, line_of(text, (kind, "like", index)))
+                line = line_of(text, (kind, "like", index))
+                error = ConfigNameError("task", other, found)
+                raise error.at(path, line, f"{kind}.like[{index}]: ")
     return found
 
 
@@ -70,7 +71,7 @@ def _agents(tasks: Iterable[str], file: Path | None, *, helps: bool) -> Iterator
     known = table(file)
     for task in tasks:
         if task not in known:
-            raise ConfigError(f"no needs of a task {task!r}; {advice(task, known)}")
+            raise ConfigNameError("task", task, known)
         for kind in _with_likes(task, known, frozenset()):
             yield from known[kind].agents
             if helps:

@@ -19,9 +19,10 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from armadico.config.errors import ConfigError, nearest
+from armadico.config.errors import ConfigError, ConfigValueError
 from armadico.config.loading import read_text
 from armadico.config.worlds import Segment, World, hull
+from armadico.core.errors import hint
 
 Fields = dict[str, yaml.Node]
 """The values that a map's YAML file gives, by key."""
@@ -81,7 +82,7 @@ def read_occupancy(path: Path | str) -> World:
     try:
         return world_of(raster, Path(path).stem)
     except ConfigError as error:
-        raise ConfigError(error.message, path) from None
+        raise error.at(path) from None
 
 
 def read_raster(path: Path | str) -> Raster:
@@ -205,16 +206,18 @@ def _wrong(fields: Fields, key: str, expected: str, file: Path) -> ConfigError:
     begin, end = fields[key].start_mark, fields[key].end_mark
     written = " ".join(str(begin.buffer)[begin.pointer : end.pointer].split())
     shown = written if len(written) <= 60 else written[:57] + "..."
-    return ConfigError(f"{key}: {shown}: expected {expected}", file, begin.line + 1)
+    message = f"{key}: {shown}: expected {expected}"
+    return ConfigValueError(key, written, expected, file, begin.line + 1, message)
 
 
 def _pixels(fields: Fields, file: Path) -> _Pixels:
     path = file.parent / _word(fields, "image")
     if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for a name that is too long
         folder = path.parent if path.parent.is_dir() else file.parent
-        near = nearest(path.name, [p.name for p in folder.iterdir() if p.suffix in SUFFIXES])
-        hint = f"; did you mean {near!r}?" if near else ""
-        expected = f"the path of an image, counted from {str(file.parent)!r}{hint}"
+        beside = [p.name for p in folder.iterdir() if p.suffix in SUFFIXES]
+        near = hint(path.name, beside)
+        expected = f"the path of an image, counted from {str(file.parent)!r}"
+        expected += f"; {near}" if near else ""
         raise _wrong(fields, "image", expected, file)
     try:
         with catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:

@@ -11,12 +11,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from armadico.config.discovery import UnknownNameError, agent_class
-from armadico.config.errors import ConfigError
+from armadico.config.discovery import agent_class
+from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, read_text, set_values
 from armadico.config.shipped import find
 from armadico.config.writing import write_files
+from armadico.core.errors import UnknownNameError
 
 
 def load_set(name_or_path: str | Path) -> dict[str, tuple[str, ...]]:
@@ -99,13 +100,13 @@ def _check(agent: str, table: dict[str, Any], path: Path, text: str) -> None:
     try:
         parameters = agent_class(agent).parameters()
     except UnknownNameError as error:
-        raise ConfigError(str(error), path, line_of(text, (agent,))) from None
+        line = line_of(text, (agent,))
+        raise ConfigNameError(error.kind, agent, error.known, path, line) from None
     for place, setting in _settings(table):
         try:
             set_values(parameters, [setting])
         except ConfigError as error:
-            line = line_of(text, (agent, *place))
-            raise ConfigError(f"{agent}: {error.message}", path, line) from None
+            raise error.at(path, line_of(text, (agent, *place)), f"{agent}: ") from None
 
 
 def _settings(

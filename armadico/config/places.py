@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.profile import Body
 from armadico.config.worlds import Room, Segment, World
 
@@ -61,9 +61,8 @@ class Places:
         if name not in self._found:
             goal, room = self.world.goals.get(name), self._rooms.get(name)
             if goal is None and room is None:
-                raise ConfigError(
-                    f"no place {name!r} in {self.world.name!r}; {advice(name, self.names)}"
-                )
+                message = f"no place {name!r} in {self.world.name!r}; {advice(name, self.names)}"
+                raise ConfigNameError("place", name, self.names, message=message)
             self._found[name] = goal if goal is not None else self._within(self._rooms[name])
         return self._found[name]
 

@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 
 from armadico.config import discovery
 from armadico.config.discovery import ROBOTS, installed
-from armadico.config.errors import ConfigError, nearest
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import find
@@ -415,7 +415,6 @@ def _of_no_kind(
     table: Mapping[str, Any], sections: list[str], kinds: tuple[str, ...], path: Path, text: str
 ) -> ConfigError:
     """The error for a profile that is of no kind of robot, or of several."""
-    known = f"installed kinds of robots: {', '.join(kinds) or 'none'}"
     if sections:
         both = " and ".join(f"[{name}]" for name in sections)
         line = line_of(text, sections[1:])
@@ -423,11 +422,11 @@ def _of_no_kind(
     fields = {*IdentifiedRobot.__struct_fields__, *ModelledRobot.__struct_fields__}
     for name, value in table.items():
         if name not in fields and isinstance(value, dict):
-            near = nearest(name, kinds)
-            hint = f"did you mean [{near}]? " if near else ""
-            what = f"[{name}] is no kind of robot that is installed; {hint}({known})"
-            return ConfigError(what, path, line_of(text, (name,)))
-    return ConfigError(f"has no table that says which kind of robot it is ({known})", path)
+            what = f"[{name}] is not an installed kind of robot; {advice(name, kinds)}"
+            line = line_of(text, (name,))
+            return ConfigNameError("kind of robot", name, kinds, path, line, what)
+    known = f"installed kinds of robots: {', '.join(kinds) or 'none'}"
+    return ConfigError(f"missing the table of a kind of robot ({known})", path)
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):

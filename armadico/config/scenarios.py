@@ -16,10 +16,10 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from armadico.config.discovery import AGENTS, UnknownNameError
+from armadico.config.discovery import AGENTS
 from armadico.config.discovery import find as find_installed
 from armadico.config.errands import Mission, load_mission
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
@@ -27,6 +27,7 @@ from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
+from armadico.core.errors import UnknownNameError
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
@@ -37,6 +38,9 @@ ROUNDING_RAD = 1e-6
 
 Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
+
+Fault = tuple[Key, str | ConfigError]
+"""What is wrong with a scenario: the key, and the message or the error."""
 
 
 class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
@@ -182,8 +186,8 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         scenario = replace(scenario, mission=counted_from(path, scenario.mission))
     scenario = _in_rad(scenario)
     world = _world(scenario, path, text)
-    for key, message in (*_strangers(scenario), *_faults(scenario, world)):
-        raise ConfigError(message, path, line_of(text, key))
+    for key, fault in (*_strangers(scenario), *_faults(scenario, world)):
+        raise _error(fault).at(path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
 
 
@@ -320,13 +324,17 @@ def mission_of(scenario: Scenario) -> Mission | None:
     return load_mission(scenario.mission, places, scenario.start[:2])
 
 
-def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:
+def _error(fault: str | ConfigError) -> ConfigError:
+    return fault if isinstance(fault, ConfigError) else ConfigError(fault)
+
+
+def _strangers(scenario: Scenario) -> Iterator[Fault]:
     """Agents that are not installed, each with its key."""
     for index, name in enumerate(scenario.agents):
         try:
             find_installed(AGENTS, name)
         except UnknownNameError as error:
-            yield ("agents", index), str(error)
+            yield ("agents", index), ConfigNameError(error.kind, name, error.known)
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:
@@ -335,7 +343,7 @@ def _world(scenario: Scenario, path: Path, text: str) -> World:
     except ConfigError as error:
         if error.file is not None:  # the fault is within the world's file
             raise
-        raise ConfigError(error.message, path, line_of(text, ("world",))) from None
+        raise error.at(path, line_of(text, ("world",))) from None
 
 
 def scenario_from(
@@ -361,8 +369,8 @@ def scenario_from(
     )
     if robot is not None:
         scenario = replace(scenario, robot=robot)
-    for _, message in _faults(scenario, place):
-        raise ConfigError(message)
+    for _, fault in _faults(scenario, place):
+        raise _error(fault)
     return scenario
 
 
@@ -374,24 +382,25 @@ def _home(world: World) -> ScenarioPose:
 
 def _goal(world: World, name: str) -> ScenarioPose:
     if name not in world.goals:
-        raise ConfigError(f"no goal {name!r} in {world.name!r}; {advice(name, world.goals)}")
+        message = f"no goal {name!r} in {world.name!r}; {advice(name, world.goals)}"
+        raise ConfigNameError("goal", name, world.goals, message=message)
     return world.goals[name]
 
 
-def _unfound_mission(scenario: Scenario) -> Iterator[tuple[Key, str]]:
+def _unfound_mission(scenario: Scenario) -> Iterator[Fault]:
     try:
         if scenario.mission is not None:
             find("missions", scenario.mission)
     except ConfigError as error:
-        yield ("mission",), error.message
+        yield ("mission",), error
 
 
-def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
+def _faults(scenario: Scenario, world: World) -> Iterator[Fault]:
     """What is wrong with a scenario, and with which key."""
     try:
         profile = find("robots", scenario.robot)
     except ConfigError as error:
-        yield ("robot",), error.message
+        yield ("robot",), error
         return
     body = load_profile(profile).body
     radius = body.circle_m
@@ -411,7 +420,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     try:
         known_sensors(scenario.sensors)
     except ConfigError as error:
-        yield ("sensors",), error.message
+        yield ("sensors",), error
     yield from _unfound_mission(scenario)
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
@@ -431,7 +440,7 @@ def _fleet_faults(scenario: Scenario, world: World, body: Body) -> Iterator[tupl
         yield ("moving",), "what moves does in the world of one robot; expected this, or others"
 
 
-def _mission_faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
+def _mission_faults(scenario: Scenario, world: World) -> Iterator[Fault]:
     """What is wrong with a mission's place in a scenario; the mission has a file of its own."""
     if scenario.mission is not None and scenario.goal is not None:
         yield ("goal",), "a mission and a goal: expected one of both"
@@ -440,7 +449,7 @@ def _mission_faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str
         for name in ("room", "within"):
             room = getattr(alarm, name)
             if room is not None and room not in rooms:
-                yield ("alarms", index, name), f"no room {room!r}; {advice(room, rooms)}"
+                yield ("alarms", index, name), ConfigNameError("room", room, rooms)
         if (alarm.at_s is None) == (alarm.during is None):
             yield (
                 ("alarms", index),
@@ -471,7 +480,7 @@ def known_sensors(name: str) -> str:
     """The name, if robots/sensors.toml has it. Raises ConfigError."""
     known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
     if name not in known:
-        raise ConfigError(f"no sensors {name!r}; {advice(name, known)}")
+        raise ConfigNameError("sensors", name, known)
     return name
 
 

@@ -11,7 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from armadico.config.discovery import ROBOTS, installed
-from armadico.config.errors import ConfigError, advice, nearest
+from armadico.config.errors import ConfigNameError
+from armadico.core.errors import hint
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
     "worlds": (".map", ".yaml", ".yml"),
@@ -52,7 +53,7 @@ def resource_path(kind: str, name: str) -> Path:
             path = each / (name + suffix)
             if path.is_file():
                 return path
-    raise ConfigError(f"no {_one(kind)} {name!r}; {advice(name, names(kind))}")
+    raise ConfigNameError(_one(kind), name, names(kind))
 
 
 def find(kind: str, name_or_path: str | Path) -> Path:
@@ -61,7 +62,11 @@ def find(kind: str, name_or_path: str | Path) -> Path:
     if isinstance(name_or_path, str) and not path.suffix and path.name == name_or_path:
         return resource_path(kind, name_or_path)
     if not path.is_file():
-        raise ConfigError(f"no file {str(path)!r}; {_instead(kind, path)}")
+        beside = path.parent.iterdir() if path.parent.is_dir() else ()
+        there = [p.name for p in beside if p.suffix in SUFFIXES[kind]]
+        instead = hint(path.name, there) or f"shipped {kind}: {', '.join(names(kind))}"
+        message = f"no file {str(path)!r}; {instead}"
+        raise ConfigNameError("file", path.name, there, message=message)
     return path
 
 
@@ -76,10 +81,3 @@ def counted_from(file: Path, name: str) -> str:
 def _one(kind: str) -> str:
     """What one configuration of a kind is called."""
     return "set of parameters" if kind == "parameters" else kind.removesuffix("s")
-
-
-def _instead(kind: str, path: Path) -> str:
-    beside = path.parent.iterdir() if path.parent.is_dir() else ()
-    near = nearest(path.name, [p.name for p in beside if p.suffix in SUFFIXES[kind]])
-    shipped = f"shipped {kind}: {', '.join(names(kind))}"
-    return f"did you mean {near!r}?" if near else shipped

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.shipped import find
 
 Segment = tuple[float, float, float, float]
@@ -200,7 +200,7 @@ def check_door(door: Door, rooms: dict[str, Room]) -> None:
     """Refuse a door to a room that is not there, or one that leads somewhere else."""
     for name in (door.room_a, door.room_b):
         if name not in rooms:
-            raise ConfigError(f"door {door.name!r}: no room {name!r}; {advice(name, rooms)}")
+            raise ConfigNameError("room", name, rooms).at(None, before=f"door {door.name!r}: ")
         away = abs(rooms[name].away(door.x, door.y))
         if away > DOOR_REACH_M + ROUNDING_M:
             at, (far, most) = f"({door.x:g}, {door.y:g})", apart(away, DOOR_REACH_M)

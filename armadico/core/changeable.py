@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect, structs
 
+from armadico.core.errors import no_such
 from armadico.core.messages import Parameter, Setting
 from armadico.core.parameters import Parameters
 
@@ -91,13 +91,11 @@ def _unknown(name: str, parameters: Parameters, known: Mapping[str, Allowed]) ->
     """Why a parameter cannot be changed: there is none, or not while the agent is at work."""
     if not known:
         return "nothing of it may be changed while it is at work"
-    listed = f"those that may: {', '.join(sorted(known))}"
     try:
         _field(type(parameters), name)
     except KeyError:
-        near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        return f"no parameter {name!r}; {hint}({listed})"
+        return no_such("parameter", name, known)
+    listed = f"those that may: {', '.join(sorted(known))}"
     return f"{name} is not to be changed while it is at work ({listed})"
 
 

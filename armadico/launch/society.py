@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from armadico.config.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.config.errands import Mission
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.needs import minimum, needs, tasks
@@ -274,7 +274,8 @@ def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:
     wanted = [*kind.launched_with]
     for fact in wanted:
         if fact not in known:
-            raise ConfigError(f"{kind.__name__}.launched_with: {fact!r}; {advice(fact, known)}")
+            message = f"{kind.__name__}.launched_with: {fact!r}; {advice(fact, known)}"
+            raise ConfigNameError("fact", fact, known, message=message)
     if WHEELS in kind.competes_for:
         wanted += [fact for fact in known if fact.startswith("social.")]
     return tuple(f"{fact}={known[fact]}" for fact in wanted if known[fact] is not None)
