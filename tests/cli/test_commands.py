@@ -82,34 +82,6 @@ def test_the_list_of_agents_for_programs_says_where_they_come_from() -> None:
     assert agents["encoder"]["summary"]
 
 
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
-        (("armadico", "gto"), "did you mean 'goto'?"),
-        (("armadico-agent", "encodr"), "did you mean 'encoder'?"),
-        (("armadico-agent",), "which agent?"),
-        (("armadico-agent", "encoder", "--set", "colour=1"), "colour"),
-        (("armadico-agent", "encoder", "--set", "x=far"), "x"),
-        (("armadico-agent", "encoder", "--config", "/no/such.toml"), "/no/such.toml"),
-        (("armadico-agent", "encoder", "--host", "nowhere"), "nowhere"),
-        (("armadico-agent", "encoder", "--hosts", "/no/hosts.toml"), "/no/hosts.toml"),
-        (("armadico", "ps", "--connect", "7447"), "tcp/192.168.1.5:7447"),
-        (("armadico", "ps", "--namespace", "a*"), "namespace"),
-        (("armadico", "goto", "1"), "Y"),
-        (("armadico", "goto", "1", "2", "3", "--timeout", "0"), "expected seconds, more than 0"),
-        (("armadico", "goto", "1", "2", "nan"), "'nan' is no finite number"),
-        (("armadico", "sim", "sc99"), "sc99"),
-        (("armadico", "sim", "sc1", "--start", "500", "nan", "0"), "start"),
-    ],
-)
-def test_a_wrong_use_is_told_clearly_with_exit_code_2(command: tuple[str, ...], says: str) -> None:
-    program, *words = command
-    done = call(*words, program=program)
-    assert done.returncode == 2, done.stderr
-    assert says in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_the_beginning_of_an_option_is_no_option() -> None:
     """Else --seed would be --seeds: not that seed, but so many."""
     done = call("sim", "sc1", "--por", "1")
