@@ -76,7 +76,7 @@ def test_what_is_nothing_like_anything_gets_no_guess() -> None:
 
 
 def test_what_is_no_agent_is_refused(third_party: Path) -> None:
-    with pytest.raises(ImportError, match=r"^chair \(elsewhere:Chair\) is no Agent: "):
+    with pytest.raises(ImportError, match=r"^chair \(elsewhere:Chair\) .*Agent"):
         discovery.agent_class("chair")
 
 

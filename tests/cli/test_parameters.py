@@ -127,9 +127,8 @@ def test_who_has_no_such_parameter_and_who_does_not_answer_are_told_apart(
     crowd: Crowd, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["get", "goto", "v_mx"]) == 1
-    assert "goto has no parameter 'v_mx' that may be changed; did you mean 'v_max'?" in (
-        capsys.readouterr().err
-    )
+    errors = capsys.readouterr().err
+    assert all(word in errors for word in ("goto", "'v_mx'", "'v_max'"))
     next(n for n in crowd.mesh.nodes if n.agent is crowd.goto).hang()
     assert cli.main(["set", "goto", "v_max=0.4", "--timeout", "0.2"]) == 1
     assert f"{crowd.goto.instance} does not answer" in capsys.readouterr().err
@@ -142,9 +141,7 @@ def test_what_is_saved_is_a_set_of_parameters(
     crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert cli.main(["set", "goto", "v_max=0.4", "--save"]) == 0
-    assert "saved: `--parameters parameters.toml` of `up` and `run` starts with it" in (
-        capsys.readouterr().out
-    )
+    assert "--parameters parameters.toml" in capsys.readouterr().out
     assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
     assert cli.main(["set", "goto", "v_max=20", "--save"]) == 1  # what is refused is not saved
     assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}

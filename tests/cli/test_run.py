@@ -155,7 +155,7 @@ def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     assert code == 1
     assert row["reached"] is False
     assert row["limit_s"] == 20.0
-    assert "nothing is planned, and a barrier is in the way" in errors
+    assert 'plan = "rooms"' in errors
 
 
 BEHAVIOURS = ("--without", "goto", "--without", "avoid", "--without", "gothrough")
@@ -260,9 +260,8 @@ def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_a_serial_port_that_is_not_there_is_said_at_once(apart: None, capsys: Captured) -> None:
     code, out, errors = run(capsys, "sc1", "--robot", "serial:///dev/nonexistent?baud=9600")
     assert code == 1
-    assert "--robot serial:///dev/nonexistent?baud=9600: there is no such port" in errors
-    assert "is the adapter plugged in?" in errors
-    assert "starting" not in errors, "nobody was started"
+    assert "--robot serial:///dev/nonexistent?baud=9600" in errors
+    assert "starting" not in errors, "no process was started"
     assert not out
 
 
