@@ -67,7 +67,7 @@ def test_forbidden_areas_are_turned_about_the_origin_as_in_aria() -> None:
     again = parse_map(format_map(world), "w")
     assert format_map(again) == format_map(world)
     assert len(again.forbidden) == 4
-    with pytest.raises(ConfigError, match=r"m\.map:2: '1000 2000': expected X1 Y1 X2 Y2 in mm"):
+    with pytest.raises(ConfigError, match=r"m\.map:2: '1000 2000'"):
         parse_map(f"2D-Map\n{cairn.replace(' 3000 5000', '')}", "w", "m.map")
 
 
@@ -159,20 +159,20 @@ def test_files_are_written_and_found_by_their_path(tmp_path: Path) -> None:
     assert read_map(tmp_path / "mine.map").walls == world.walls
     assert load_world(tmp_path / "mine.map").name == "mine"
     (tmp_path / "mine.png").touch()
-    with pytest.raises(ConfigError, match=r"not a world; expected an ARIA .map or a map_server"):
+    with pytest.raises(ConfigError, match=r"ARIA \.map.*map_server"):
         load_world(tmp_path / "mine.png")
 
 
 @pytest.mark.parametrize("name", ["", 'a"b', "a#b", "a;b", "a\nb"])
 def test_a_name_that_a_map_cannot_hold_is_refused(name: str) -> None:
     world = World("w", (), (0, 0, 1, 1), goals={name: (0, 0, 0)})
-    with pytest.raises(ConfigError, match="cannot hold this"):
+    with pytest.raises(ConfigError, match="^name "):
         format_map(world)
 
 
 def test_rooms_are_one_word() -> None:
     world = World("w", (), (0, 0, 1, 1), rooms=(Room("big hall", 0, 0, 1, 1),))
-    with pytest.raises(ConfigError, match=r"room 'big hall': a .map file wants one word"):
+    with pytest.raises(ConfigError, match="'big hall'"):
         format_map(world)
 
 
