@@ -166,7 +166,7 @@ def test_files_are_written_and_found_by_their_path(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["", 'a"b', "a#b", "a;b", "a\nb"])
 def test_a_name_that_a_map_cannot_hold_is_refused(name: str) -> None:
     world = World("w", (), (0, 0, 1, 1), goals={name: (0, 0, 0)})
-    with pytest.raises(ConfigError, match="^name "):
+    with pytest.raises(ConfigError, match=r"^name "):
         format_map(world)
 
 

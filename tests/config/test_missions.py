@@ -181,7 +181,7 @@ def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stoo
         "m.toml:2: 'B' cannot be reached from (1, 1)"
     )
     assert fault(there % "C", places).startswith(
-        "m.toml:2: in room 'C' of 'w' the robot can turn nowhere"
+        "m.toml:2: the robot can turn nowhere in room 'C' of 'w'"
     )
 
 

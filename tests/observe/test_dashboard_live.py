@@ -192,7 +192,7 @@ def test_a_run_waits_until_somebody_looks_and_its_dashboard_stays_until_ctrl_c(
         with os.fdopen(read) as told:
             data = urllib.parse.unquote(told.readline()).partition("http://127.0.0.1:")[2]
             port = int(data.partition("127.0.0.1:")[2].partition("/")[0])
-            assert "the run begins when somebody looks" in told.readline()
+            assert "open the link" in told.readline()
             happened.append("looks")
             with socket.create_connection(("127.0.0.1", port)):
                 assert "the run is over" in told.readline()
@@ -256,7 +256,7 @@ def test_another_version_of_rerun_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command, "installed", lambda name: "0.30.1")
-    assert "0.30.1 is installed, and the dashboard needs 0.41" in refusal(capsys)[1]
+    assert all(version in refusal(capsys)[1] for version in ("0.30.1", "0.41"))
 
 
 def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> None:

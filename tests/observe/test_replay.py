@@ -403,9 +403,9 @@ def test_at_a_rate_each_new_bid_is_told(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--agent", "gotto"), "there are avoid, "),
-        (("--namespace", "robot7"), "holds nothing of the robot 'robot7': it is of robot1"),
-        (("--set", "v_max=0.2"), "of which agent? avoid.KEY="),
+        (("--agent", "gotto"), "avoid, "),
+        (("--namespace", "robot7"), "robot7"),
+        (("--set", "v_max=0.2"), "avoid.KEY="),
         (("--set", "goto.v_max=-1"), "v_max"),
         (("--set", "goto.haste=1"), "haste"),
         (("--rate", "0"), "more than 0"),
