@@ -302,8 +302,8 @@ def test_bad_arguments_are_refused_before_anything_starts(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["sc1", "--virtual", "--dashboard"], "--rrd FILE keeps a virtual one"),
-        (["sc1", "--virtual", "--wait"], "--rrd FILE keeps a virtual one"),
+        (["sc1", "--virtual", "--dashboard"], "--rrd FILE"),
+        (["sc1", "--virtual", "--wait"], "--rrd FILE"),
         (["sc1", "--wait", "--runs", "2"], "--wait is for one run"),
         (["sc1", "--rrd", "x.rrd"], "--rrd is for --virtual"),
         (["sc1", "--virtual", "--rrd", "x.csv"], ".rrd"),

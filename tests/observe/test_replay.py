@@ -375,8 +375,8 @@ def test_the_command_says_the_first_difference(
     code, out, _ = run(recording, "--agent", "goto", "--set", "v_max=0.2")
     assert code == 0  # it was a question
     assert "differs from " in out
-    assert "\n  then         publish robot/cmd/goto-" in out
-    assert "\n  now          publish robot/cmd/goto-" in out
+    assert "\n  recorded     publish robot/cmd/goto-" in out
+    assert "\n  replayed     publish robot/cmd/goto-" in out
     assert run(recording, "--set", "goto.v_max=0.2")[1].count("differs") == 1
 
 
