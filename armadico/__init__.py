@@ -28,10 +28,10 @@ if TYPE_CHECKING:
         Task,
     )
     from armadico.agents.teleop.messages import Stick, TeleopStatus
-    from armadico.config.discovery import UnknownNameError
     from armadico.config.errors import ConfigError
     from armadico.config.scenarios import Scenario
     from armadico.core.agent import Agent, DeviceAgent, Identity, Question
+    from armadico.core.errors import UnknownNameError
     from armadico.core.exchange import Bid
     from armadico.core.messages import (
         Ack,
@@ -214,7 +214,6 @@ _MODULES = {
         "Stick",
         "TeleopStatus",
     ),
-    "config.discovery": ("UnknownNameError",),
     "config.errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
     "core.agent": (
@@ -223,6 +222,7 @@ _MODULES = {
         "Identity",
         "Question",
     ),
+    "core.errors": ("UnknownNameError",),
     "core.exchange": ("Bid",),
     "core.parameters": (
         "Parameters",

@@ -21,12 +21,13 @@ from msgspec.structs import replace
 
 from armadico.agents.missions.messages import MissionOrder, Told
 from armadico.agents.missions.task import Task
-from armadico.config.discovery import TASKS, UnknownNameError, installed, unknown
+from armadico.config.discovery import TASKS, installed
 from armadico.config.discovery import load as load_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import counted_from, find
+from armadico.core.errors import UnknownNameError, no_such
 
 if TYPE_CHECKING:
     from armadico.config.places import Places
@@ -333,7 +334,7 @@ class _Reader:
         read = convert(head, _Head, self._file, self._text, at)
         if read.do not in self._known:
             what = "task or procedure"
-            raise self._wrong((*at, "do"), unknown(what, read.do, self._known))
+            raise self._wrong((*at, "do"), no_such(what, read.do, self._known))
         if read.otherwise and not within:
             raise self._wrong((*at, "else"), "else within else: name a procedure that has it")
         others = enumerate(read.otherwise)
@@ -389,7 +390,7 @@ class _Reader:
         if not do:
             return
         if do not in self._known:
-            raise self._wrong(key, unknown("task or procedure", do, self._known))
+            raise self._wrong(key, no_such("task or procedure", do, self._known))
         procedure = mission.procedures.get(do)
         takes = task_class(do).Arguments.__struct_fields__ if procedure is None else procedure.takes
         if "room" not in takes:

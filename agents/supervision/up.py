@@ -27,8 +27,7 @@ from armadico.cli.parsing import (
     several,
 )
 from armadico.cli.run_options import X_Y_DEG, pose
-from armadico.config.discovery import UnknownNameError
-from armadico.config.errors import ConfigError
+from armadico.core.errors import UnknownNameError
 from armadico.mesh.endpoints import Endpoints
 
 if TYPE_CHECKING:
@@ -159,7 +158,7 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
 
 def _is_mission(name: str) -> bool:
     """Whether something is a mission's name or file: it has steps, and a scenario has none."""
-    from armadico.config.errors import advice
+    from armadico.config.errors import ConfigNameError
     from armadico.config.loading import document, read_text
     from armadico.config.shipped import find, names
 
@@ -170,7 +169,7 @@ def _is_mission(name: str) -> bool:
         return False
     if Path(name).name == name and not Path(name).suffix:
         known = {*missions, *scenarios}
-        raise ConfigError(f"no mission and no scenario {name!r}; {advice(name, known)}")
+        raise ConfigNameError("mission or scenario", name, known)
     path = find("scenarios", name)
     return "steps" in document(read_text(path), path)
 
@@ -274,6 +273,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
 def _check_names(args: Options, where: Endpoints, host: Host) -> None:
     """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
     from armadico.config.discovery import AGENTS, find
+    from armadico.config.errors import ConfigNameError
     from armadico.config.lines import line_of
     from armadico.config.loading import read_text
 
@@ -284,7 +284,8 @@ def _check_names(args: Options, where: Endpoints, host: Host) -> None:
         except UnknownNameError as error:
             key = (str(where.name), "agents", index)
             line = line_of(read_text(file), key) if file else None
-            raise ConfigError(f"{where.name}.agents: {error}", file or None, line) from None
+            wrong = ConfigNameError(error.kind, name, error.known)
+            raise wrong.at(file or None, line, f"{where.name}.agents: ") from None
     for name in (*args.more, *args.without):
         find(AGENTS, name)
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect, structs
 
+from armadico.core.errors import no_such
 from armadico.core.messages import Parameter, Setting
 from armadico.core.parameters import Parameters
 
@@ -91,13 +91,11 @@ def _unknown(name: str, parameters: Parameters, known: Mapping[str, Allowed]) ->
     """Return the error for a parameter that does not exist or is not changeable."""
     if not known:
         return "no parameter of this agent can be changed while it runs"
-    listed = f"can be changed: {', '.join(sorted(known))}"
     try:
         _field(type(parameters), name)
     except KeyError:
-        near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        return f"no parameter {name!r}; {hint}({listed})"
+        return no_such("parameter", name, known)
+    listed = f"can be changed: {', '.join(sorted(known))}"
     return f"{name} cannot be changed while the agent runs ({listed})"
 
 

@@ -17,12 +17,13 @@ from typing import Any, Final
 import msgspec
 from msgspec import Struct, msgpack
 
-from armadico.config.discovery import UnknownNameError, agent_class
+from armadico.config.discovery import agent_class
 from armadico.config.errors import ConfigError
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
 from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Subscription
 from armadico.core.driver import Driver
+from armadico.core.errors import UnknownNameError
 from armadico.core.messages import BidRecord, Message, MessageError, decode, line, plain
 from armadico.observe.conditions import software
 from armadico.observe.journals import Entry, Head, Journal, files, stream

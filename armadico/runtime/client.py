@@ -6,7 +6,6 @@ it, and it decides nothing. A program becomes a guest by `connect`.
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import random
@@ -16,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
+from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ask,
@@ -425,10 +425,7 @@ class Client:
         found = found or [each for each in alive if each[1].startswith(agent)]
         if not found:
             names = sorted({name for name, _ in alive})
-            near = difflib.get_close_matches(agent, names, n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            there = ", ".join(names) or "none"
-            raise AbsentError(f"no agent {agent!r} is alive; {hint}there are: {there}")
+            raise AbsentError(no_such("live agent", agent, names))
         return found
 
     def _put_settings(

@@ -137,15 +137,15 @@ def test_a_recording_that_was_cut_short_is_asked_as_far_as_it_goes(
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (["--at", "99"], 2, "is from 0 to 1"),
-        (["--at", "-1"], 2, "before its first message"),
-        (["--exchange", "9"], 1, "no exchange of wheels 9"),
-        (["--exchange", "0"], 2, "counted from 1"),
-        (["--stop", "2"], 1, "no stop 2: 1 there are"),
-        (["--collision"], 1, "no collision 1: there is none"),
-        (["--stop", "1", "--at", "3"], 2, "one of both"),
-        (["--live"], 2, "a FILE, or --live"),
-        (["--namespace", "robot9"], 1, "holds no messages of 'robot9'"),
+        (["--at", "99"], 2, "--at 99"),
+        (["--at", "-1"], 2, "--at -1"),
+        (["--exchange", "9"], 1, "exchange of wheels 9"),
+        (["--exchange", "0"], 2, "--exchange 0"),
+        (["--stop", "2"], 1, "stop 2"),
+        (["--collision"], 1, "collision 1"),
+        (["--stop", "1", "--at", "3"], 2, "--at and --stop"),
+        (["--live"], 2, "--live"),
+        (["--namespace", "robot9"], 1, "'robot9'"),
     ],
 )
 def test_a_question_that_has_no_answer_is_told_why(
@@ -199,5 +199,5 @@ def test_a_file_that_is_none_and_questions_of_the_past_live_are_refused(
     assert "is empty" in ask(path=empty)[1]
     for words in (["--collision"], ["--exchange", "1"], ["--at", "3"]):
         assert cli.main(["why", "--live", *words]) == 2
-        assert "of a recording" in capsys.readouterr().err
+        assert f"{words[0]} " in capsys.readouterr().err
     assert cli.main(["why"]) == 2

@@ -11,7 +11,7 @@ import pytest
 from armadico.agents.missions import mission_file as missions
 from armadico.agents.missions.mission_file import Mission, Step, load_mission, read_mission
 from armadico.agents.missions.task import Task
-from armadico.config.errors import ConfigError
+from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.shipped import names
@@ -164,17 +164,6 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [*((steps(row, more=CALLS), said) for row, said in WRONG_STEPS), *WRONG],
-)
-def test_what_is_wrong_is_said_with_its_line_and_the_nearest_name(
-    text: str, said: str, building: Places
-) -> None:
-    place = "m.toml:" if said[0].isdigit() else "m.toml: "
-    assert fault(text, building, HOME).startswith(place + said)
-
-
 def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stood_in() -> None:
     shut = ((3.0, 0.0, 3.0, 3.0),)
     box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 3.0), (6.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.0, 0.0))
@@ -192,7 +181,7 @@ def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stoo
         "m.toml:2: 'B' cannot be reached from (1, 1)"
     )
     assert fault(there % "C", places).startswith(
-        "m.toml:2: in room 'C' of 'w' the robot can turn nowhere"
+        "m.toml:2: the robot can turn nowhere in room 'C' of 'w'"
     )
 
 
@@ -281,9 +270,10 @@ def test_a_mission_is_compared_by_value() -> None:
 
 
 def test_an_unknown_mission_is_said_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no mission 'surveilance'; did you mean 'surveillance'"):
+    with pytest.raises(ConfigNameError) as caught:
         load_mission("surveilance")
-    with pytest.raises(ConfigError, match="no file"):
+    assert caught.value.near == "surveillance"
+    with pytest.raises(ConfigError, match=r"none\.toml"):
         load_mission(tmp_path / "none.toml")
 
 
@@ -294,9 +284,9 @@ def test_its_scenario_counts_from_its_own_folder_and_is_looked_for_at_once(tmp_p
         file.write_text(f'title = "x"\nscenario = "{scenario}"\n{PHOTO}', encoding="utf-8")
         return load_mission(file)
 
-    with pytest.raises(ConfigError, match=r"m\.toml:2: no scenario 'huose'; did you mean 'house'"):
+    with pytest.raises(ConfigError, match=r"m\.toml:2: .*'huose'.*'house'"):
         load("huose")
-    with pytest.raises(ConfigError, match=r"m\.toml:2: no file '.*/mine\.toml'"):
+    with pytest.raises(ConfigError, match=r"m\.toml:2: .*/mine\.toml"):
         load("mine.toml")
     (tmp_path / "mine.toml").write_text("", encoding="utf-8")
     assert load("mine.toml").scenario == str(tmp_path / "mine.toml")

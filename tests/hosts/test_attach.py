@@ -76,7 +76,6 @@ def test_a_missing_agent_is_named(
     code = main(["run", scenario(tmp_path, SHORT), "--attach"])
     errors = capsys.readouterr().err
     assert code == 1
-    assert "not there within" in errors
     assert "avoid, encoder, gothrough, goto, relocate, sonar" in errors
     assert "armadico up" in errors
 

@@ -275,7 +275,7 @@ def test_a_run_whose_robot_falls_silent_ends_and_says_so(apart: None) -> None:
             if watch.distance > 0.2:
                 next(p for p in launcher.processes if p.name == "simulator").popen.kill()
 
-        with pytest.raises(RunFailedError, match=r"said nothing for 1\.5 s; the robot agent says:"):
+        with pytest.raises(RunFailedError, match=r"1\.5 s.*robot agent"):
             launcher.run(cut, said.append)
         everybody = [process.popen for process in launcher.processes]
     assert any(text.startswith("simulator is gone") for text in said), said
@@ -301,8 +301,8 @@ def test_a_run_in_which_nobody_can_drive_any_more_ends_and_names_who_is_missing(
         result = launcher.run(kill, said.append)
     assert not result.reached
     assert result.tt_s < launcher.limit / 2, "it did not wait for its time to be up"
-    over = "nobody has claimed the wheels for 1.5 s, and avoid, gothrough, goto are gone"
-    assert any(text.startswith(over) for text in said), said
+    over = "1.5 s, and avoid, gothrough, goto are missing"
+    assert any(over in text for text in said), said
     assert (launcher.logs / "goto.log").is_file(), "there is something to read"
     rmtree(launcher.logs)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.config.discovery import unknown
+from armadico.core.errors import no_such
 from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
 from armadico_tools.experiments import EXPERIMENTS, RUNS
 
@@ -99,7 +99,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.experiment is None:
         raise UsageError("name an experiment, or all (see --list)")
     if args.experiment not in (*EXPERIMENTS, ALL):
-        raise UsageError(unknown("experiment", args.experiment, (*EXPERIMENTS, ALL)))
+        raise UsageError(no_such("experiment", args.experiment, (*EXPERIMENTS, ALL)))
     given = [name for name in BARN if getattr(args, name) is not None]
     if given and args.experiment != "barn":
         raise UsageError(f"--{given[0].replace('_', '-')} is for the experiment barn only")

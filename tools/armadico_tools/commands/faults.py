@@ -9,7 +9,7 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.config.discovery import unknown
+from armadico.core.errors import no_such
 from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
 from armadico_tools.faults import MINUTES, SEEDS, TRIALS
 
@@ -41,7 +41,7 @@ def main(argv: Sequence[str]) -> int:
     for kind in args.kind:
         if kind not in known:
             raise UsageError(
-                unknown("kind of trial" if args.live else "kind of fault", kind, known)
+                no_such("kind of trial" if args.live else "kind of fault", kind, known)
             )
     if args.list:
         return campaign.show_kinds(live=args.live, as_json=args.json)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.config.discovery import unknown
+from armadico.core.errors import no_such
 from armadico_tools.command_options import add_jobs, add_json, at_least, over
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def main(argv: Sequence[str]) -> int:
 
     for kind in args.kind:
         if kind not in world.KINDS:
-            raise UsageError(unknown("kind of fault", kind, world.KINDS))
+            raise UsageError(no_such("kind of fault", kind, world.KINDS))
     kinds = tuple(args.kind) or world.KINDS
     tasks = series.tasks(args.what, args.contenders, args.faults, args.cycles, kinds)
     summary, began = series.Summary(), time.monotonic()
