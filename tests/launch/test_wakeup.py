@@ -19,11 +19,11 @@ from armadico.agents.supervision.messages import (
 )
 from armadico.agents.supervision.wakeup import (
     CARD_S,
-    HEARD_S,
     IN_THE_WAY_S,
     MONITOR_S,
     NEWCOMER_S,
     PAUSES_S,
+    SHARES_S,
     START_S,
     Do,
     Event,
@@ -313,7 +313,7 @@ def test_who_could_not_begin_at_all_is_given_up() -> None:
     bench.begins("goto", GOTO)
     bench.ends("goto", MISUSED, "another goto agent is alive already")
     bench.take()
-    assert bench.pass_time(HEARD_S) == [(Do.GIVE_UP, "")], "nobody says that it took its place"
+    assert bench.pass_time(SHARES_S) == [(Do.GIVE_UP, "")], "nobody says that it took its place"
     (order,) = (o for o in bench.orders if o.do is Do.GIVE_UP)
     assert "another goto agent is alive already" in order.text
 
