@@ -451,7 +451,7 @@ class Monitor(Agent):
             silent_s = self.now - known.answered_at
             host = "" if known.card is None else known.card.host
             if silent_s >= self.p.hung_s * self._limit_factor(host):
-                yield known, f"it has answered nothing for {silent_s:.0f} s"
+                yield known, f"it has not answered for {silent_s:.0f} s"
         yield from self._late()
 
     def _late(self) -> Iterator[tuple[_Known, str]]:
@@ -541,7 +541,7 @@ class Monitor(Agent):
         ]
         if able:
             idle = min(able, key=lambda share: (_load(share.kept), share.host))
-            why = f"nobody has had {name} for {missed_s:.0f} s"
+            why = f"no host has run {name} for {missed_s:.0f} s"
             busy.add(idle.host)
             self._request(WakeupOrder.START, name, idle, why)
 
@@ -552,7 +552,7 @@ class Monitor(Agent):
             return
         if order is WakeupOrder.RESTART:
             self._late_from = self.now
-        self._note = line(f"{share.host} is asked to {order} {name}: {why}")
+        self._note = line(f"{share.host} is requested to {order} {name}: {why}")
         self.log(self._note, WARNING)
 
         def on_reply(reply: WakeupReply | None) -> None:
@@ -596,7 +596,7 @@ class Monitor(Agent):
                 if name in kept.agents and kept.why:
                     return f"{share.host}: {kept.why}"
         refusals = [why for (_, agent), (_, why) in self._requests.refused.items() if agent == name]
-        return refusals[-1] if refusals else "" if self._hosts() else "no host can be asked"
+        return refusals[-1] if refusals else "" if self._hosts() else "no host accepts requests"
 
     # Report --------------------------------------------------------------------------------------
 
@@ -606,7 +606,7 @@ class Monitor(Agent):
         if self.now < self._report_at and content == self._reported:
             return
         if self._reported is not None and not self._missing and self._reported[1]:
-            self.log(f"the society is whole again: {', '.join(self._reported[1])}", INFO)
+            self.log(f"the society is complete again: {', '.join(self._reported[1])}", INFO)
         self._reported, self._report_at = content, self.now + REPORT_S
         acts, missing, note = content
         self.publish(MonitorReport(self.instance, self._tenure, acts, missing, note))

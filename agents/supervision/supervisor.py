@@ -235,7 +235,7 @@ class Upkeep:
         except Exception as error:  # any: without this agent nothing is restarted
             why = f"{type(error).__name__}: {error}"
         if why:
-            self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent is gone: {why}"))
+            self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent ended: {why}"))
         self._agents.leave()
 
     def _ordered(self) -> Order | None:

@@ -60,7 +60,7 @@ HOLD_S: Final = 60.0
 """Minimum time for which processes are held back, s, doubled each time, because starting them is
 load, too."""
 
-HELD: Final = "it is held back: the machine cannot keep up"
+HELD: Final = "it is held back: the machine is overloaded"
 
 SLOW_START: Final = 4
 """Factor on `START_S` on an overloaded machine."""
@@ -272,7 +272,7 @@ class Wakeup(DeviceAgent):
             if self.now - process.back_at >= NEWCOMER_S:
                 if process.pid:
                     self._order(Do.END, label)
-                self._drop(label, f"{back[process.agents[0]]} has one of its own again")
+                self._drop(label, f"{back[process.agents[0]]} runs it again")
 
     def on_monitor_report(self, report: MonitorReport) -> None:
         _, card = self._present.get(report.instance, ("", None))
@@ -360,7 +360,7 @@ class Wakeup(DeviceAgent):
             self._publish_share()
             return
         if process.lent and event.code == MISUSED:  # its own host has one too, as after a partition
-            self._drop(label, "somebody is in its way")
+            self._drop(label, "another instance is in its way")
             return
         replaced = any(self._replaced(name) for name in process.agents)
         why = self._plan_restart(label, event.code, replaced=replaced)
@@ -372,13 +372,13 @@ class Wakeup(DeviceAgent):
             self._order(
                 Do.GIVE_UP,
                 text=f"{label} ended with {event.ending}, and is not started again: {why}."
-                f" Its last words:\n{event.words}",
+                f" Its last output:\n{event.words}",
             )
             return
         if process.in_the_way:
             text = (
-                f"{label} left: somebody is in its way; the others go on, and it is tried again"
-                " now and then"
+                f"{label} left: another instance is in its way; the other agents continue,"
+                " and it is retried"
             )
         else:
             text = f"{label} ended with {event.ending}; it is started again"
@@ -395,7 +395,7 @@ class Wakeup(DeviceAgent):
         process = self._kept[label]
         worked = 0.0 if process.since is None else self.now - process.since
         if code == MISUSED and not replaced and worked < NEWCOMER_S:
-            return "it says that it was configured wrongly or is in the way, and would say so again"
+            return "its configuration is wrong or another instance runs; a restart would not help"
         if code == MISUSED:
             pause = IN_THE_WAY_S[min(process.in_the_way, len(IN_THE_WAY_S) - 1)]
             process.in_the_way += 1
@@ -467,8 +467,8 @@ class Wakeup(DeviceAgent):
         if any(self._kept[label].state is not KeptState.ENDED for label in found):
             return ""  # it is kept up already
         if not found and request.agent not in self.p.can:
-            able = ", ".join(self.p.can) or "nobody"
-            return f"it cannot start {request.agent}; it could start {able}"
+            able = ", ".join(self.p.can) or "none"
+            return f"it cannot start {request.agent}; it can start: {able}"
         if refusal := self._spent():
             return refusal
         for label in found or [request.agent]:
@@ -482,7 +482,7 @@ class Wakeup(DeviceAgent):
 
     def _restart(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
-            return f"{request.agent} is none of its agents"
+            return f"{request.agent} is not an agent of this host"
         if any(self._kept[label].held for label in found):
             return HELD
         for label in found:
@@ -502,7 +502,7 @@ class Wakeup(DeviceAgent):
 
     def _end(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
-            return f"{request.agent} is none of its agents"
+            return f"{request.agent} is not an agent of this host"
         for label in found:
             if self._kept[label].state is KeptState.ENDED:
                 continue
@@ -519,7 +519,7 @@ class Wakeup(DeviceAgent):
         process.requested = process.held = False
         if process.lent:
             del self._kept[label]
-            self._order(Do.SAY, text=f"{label} is this host's no more: {why}")
+            self._order(Do.SAY, text=f"{label} is no longer kept up by this host: {why}")
             self._publish_share()
         else:
             self._set_state(label, KeptState.ENDED, why)
@@ -563,7 +563,7 @@ class Wakeup(DeviceAgent):
                 and self.now - process.reported_at >= MONITOR_S * times
             ):
                 process.reported_at = None
-                self._kill(label, f"it watches, and has said nothing for {MONITOR_S * times:.0f} s")
+                self._kill(label, f"its monitor has not reported for {MONITOR_S * times:.0f} s")
 
     def _is_router(self, process: _Process) -> bool:
         return self.p.router in process.agents
@@ -582,8 +582,8 @@ class Wakeup(DeviceAgent):
         held = f"; held back: {labels}" if labels else ""
         text = (
             f"{self.p.host} cannot keep up: processes run {median(self._pace.late):.2f} s late, a"
-            f" cycle is {LATE_S:g} s (load {self._load:.1f} for each core){held}. End other"
-            " programs, use another host for some agents (--hosts), or do --without some"
+            f" cycle is {LATE_S:g} s (load {self._load:.1f} per core){held}. End other"
+            " programs, use another host for some agents (--hosts), or leave some out (--without)"
         )
         self._order(Do.SAY, text=text)
 
@@ -629,4 +629,4 @@ class Wakeup(DeviceAgent):
 
 
 def _reason(request: WakeupRequest) -> str:
-    return request.why or "somebody asked for it"
+    return request.why or "requested"

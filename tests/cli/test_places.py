@@ -222,7 +222,7 @@ def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> 
             ("--set", "goto.v_max=fast"),
             'goto: --set v_max=fast: v_max = "fast": expected a number or none',
         ),
-        (("--robot", "tcp://127.0.0.1:8101"), "lab1 starts no robot agent here"),
+        (("--robot", "tcp://127.0.0.1:8101"), "--robot tcp://127.0.0.1:8101"),
         (("--set", "avoid.v_max=1"), "--set avoid.v_max=1"),
         (("--with", "gotoo"), "no agent 'gotoo'; did you mean 'goto'?"),
         (("--robot", "ttyUSB0"), "--robot 'ttyUSB0': expected serial:///dev/ttyUSB0 or tcp://"),
@@ -247,7 +247,7 @@ def test_the_shares_of_one_table_are_ended(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     ended: list[str] = []
-    monkeypatch.setattr(down, "_end", lambda share: ended.append(share.host))
+    monkeypatch.setattr(down, "_end_share", lambda share: ended.append(share.host))
     with ExitStack() as stack:
         for host in ("lab1", "elsewhere"):
             file = stack.enter_context(PidFile("places", host))

@@ -1,4 +1,4 @@
-"""Real processes under a monitor: whoever dies or hangs is back, and a host's agents move."""
+"""Real processes under a monitor: agents are restarted, and moved from a lost host."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FAULTS = (
     (SIGKILL, "interface"),
     (SIGSTOP, "monitor"),
 )
-"""Either end of a process, and who watches; tests/launch/test_monitor.py has other agents."""
+"""Each kind of fault, and the monitor; tests/launch/test_monitor.py has other agents."""
 
 PAIR = {
     "robot": ("robot", "encoder", "sonar", "monitor"),
@@ -53,7 +53,7 @@ PAIR = {
 
 @pytest.fixture(autouse=True)
 def table(table: Path, request: pytest.FixtureRequest) -> Path:
-    """Another host table, before anybody reads it."""
+    """Another host table, written before the processes read it."""
     write_table(table, request.param)
     return table
 
@@ -82,7 +82,7 @@ def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
             return bool(instances(observer, name) - {before})
 
         observer.until(back, f"{name} is back after {number.name}")
-        observer.until(observer.driving, f"somebody drives on after {number.name} of {name}")
+        observer.until(observer.driving, f"the robot drives on after {number.name} of {name}")
     process.terminate()
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == 0, errors
@@ -103,7 +103,7 @@ def test_what_a_host_had_that_is_gone_is_started_on_another_and_it_may_come_back
     kill_trees(lab)
     for name, gone in before.items():
         observer.until(lambda n=name, g=gone: instances(observer, n) - g, f"{name} is elsewhere")
-    observer.until(observer.driving, "somebody drives on")
+    observer.until(observer.driving, "the robot drives on")
     (interface,) = instances(observer, "interface")
     card = observer.client.card("interface", interface)
     assert card is not None

@@ -42,7 +42,7 @@ def test_a_share_comes_up_is_seen_and_goes_down(router: None, up: Start) -> None
     assert call("ps", "--host", "lab1").returncode == 1
     again = call("down")
     assert again.returncode == 0
-    assert "nothing is up on this machine" in again.stdout
+    assert NAMESPACE in again.stdout
 
 
 def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
@@ -65,7 +65,7 @@ def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> No
     first = up("robot")
     second = call("up", "--host", "robot", on="another user")
     assert second.returncode == 1
-    assert "robot ended with status 2, and is not started again" in second.stderr
+    assert "robot ended with status 2" in second.stderr
     assert "another process has that port" in second.stderr
     assert first.poll() is None
 
@@ -81,7 +81,7 @@ def test_a_second_robot_agent_of_a_machine_names_the_process_of_the_first(up: St
     assert first.is_running()
 
 
-def test_a_share_whose_robot_agent_finds_another_ends_and_says_which(
+def test_a_share_whose_robot_agent_finds_another_ends_and_names_it(
     start: Start, observer: Observer
 ) -> None:
     nowhere = "port=tcp://127.0.0.1:1"
@@ -89,7 +89,7 @@ def test_a_share_whose_robot_agent_finds_another_ends_and_says_which(
     observer.until(lambda: observer.names == {"robot"}, "it is there")
     done = call("up", "--host", "robot")
     assert done.returncode == 1
-    assert "robot ended with status 2, and is not started again" in done.stderr
+    assert "robot ended with status 2" in done.stderr
     assert f"process {by_hand.pid} is the router" in done.stderr
     assert by_hand.poll() is None
 
@@ -117,37 +117,35 @@ def test_an_agent_that_dies_comes_back_as_a_new_instance(
     assert len(before & observer.client.alive) == 2, "the encoder agent and its host stayed"
     process.terminate()
     _, errors = process.communicate(timeout=SOON)
-    assert "sonar ended with signal SIGKILL; it is started again" in errors
+    assert "sonar ended with signal SIGKILL" in errors
 
 
-def test_when_the_budget_is_spent_all_of_the_host_ends_and_it_says_why(
-    router: None, up: Start
-) -> None:
+def test_a_host_ends_when_its_budget_is_spent(router: None, up: Start) -> None:
     process = up("lab1", "--restarts", "0")
     kept = children(process)
     kept["sonar"].kill()
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == 1
     assert all_gone(list(kept.values()))
-    assert "lab1: sonar ended with signal SIGKILL, and is not started again" in errors
-    assert "the budget of 0 restarts in 30 s is spent" in errors
+    assert "lab1: sonar ended with signal SIGKILL" in errors
+    assert "0 restarts in 30 s" in errors
     logs = Path(errors.rpartition("logs are in ")[2].strip())
     assert sorted(path.name for path in logs.iterdir()) == ["encoder.log", "sonar.log"]
 
 
-def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word(
+def test_a_misconfigured_agent_is_not_restarted_and_its_error_is_shown(
     router: None,
 ) -> None:
     done = call("up", "--host", "lab3", "--set", "path-planning.world=nowhere.map")
     assert done.returncode == 1
-    assert "path-planning ended with status 2, and is not started again" in done.stderr
+    assert "path-planning ended with status 2" in done.stderr
     assert "no file 'nowhere.map'" in done.stderr
     assert "Traceback" not in done.stderr
     assert list(shares(NAMESPACE)) == []
 
 
 @pytest.mark.parametrize(("number", "code"), [(SIGINT, 130), (SIGTERM, 0)])
-def test_a_signal_ends_everybody_and_leaves_no_logs(
+def test_a_signal_ends_all_processes_and_leaves_no_logs(
     router: None, up: Start, tmp_path: Path, number: Signals, code: int
 ) -> None:
     process = up("lab2")
@@ -180,7 +178,7 @@ def test_a_simulator_that_dies_comes_back_where_it_was(up: Start, observer: Obse
     observer.until(lambda: len(observer.states) > cycles + 10, "the robot talks again")
 
 
-def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(
+def test_the_command_line_adds_agents_to_those_of_the_scenario(
     router: None, up: Start, observer: Observer, tmp_path: Path
 ) -> None:
     scenario = tmp_path / "own.toml"
@@ -197,7 +195,7 @@ def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(
     ]
 
 
-def test_systemd_is_told_when_it_is_up(
+def test_systemd_is_notified_when_it_is_up(
     router: None, start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
@@ -208,7 +206,7 @@ def test_systemd_is_told_when_it_is_up(
         assert line.recv(100) == b"READY=1"
 
 
-def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(
+def test_ps_reports_what_each_host_lacks_and_its_exit_code_what_one_lacks(
     router: None, start: Start
 ) -> None:
     """On the machine where it is up: another one counts by the table."""
@@ -237,7 +235,7 @@ def test_an_agent_by_hand_counts_as_the_hosts(
     assert (seen.returncode, seen.stdout) == (1, "lab2: lacks: avoid, gothrough, relocate\n")
 
 
-def test_who_is_not_on_this_machine_is_told(table: Path) -> None:
+def test_a_host_of_another_machine_is_rejected(table: Path) -> None:
     text = table.read_text().replace("127.0.0.22", "192.0.2.77")
     table.write_text(text)
     for words, program in ((("up",), "armadico"), (("sonar",), "armadico-agent")):
@@ -247,7 +245,7 @@ def test_who_is_not_on_this_machine_is_told(table: Path) -> None:
         assert "this machine is 'robot' or 'lab2' or 'lab3'" in done.stderr
 
 
-def test_the_process_says_nothing_else_on_standard_output(router: None, up: Start) -> None:
+def test_the_process_prints_nothing_else_on_standard_output(router: None, up: Start) -> None:
     process = up("lab1")
     process.terminate()
     out, _ = process.communicate(timeout=SOON)
