@@ -154,7 +154,7 @@ def test_the_shares_of_one_table_are_ended(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     ended: list[str] = []
-    monkeypatch.setattr(down, "_end", lambda share: ended.append(share.host))
+    monkeypatch.setattr(down, "_end_share", lambda share: ended.append(share.host))
     with ExitStack() as stack:
         for host in ("lab1", "elsewhere"):
             file = stack.enter_context(PidFile("places", host))

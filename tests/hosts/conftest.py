@@ -27,7 +27,7 @@ from tests.runtime_folder import fresh_folder
 NAMESPACE = "hosts-test"
 
 ROBOT = "robot"
-"""The host of the robot agent, and of a program that is not started as another one's."""
+"""The robot agent's host, and the default host of a program."""
 
 AGENTS: Mapping[str, Sequence[str]] = {
     ROBOT: ["robot"],

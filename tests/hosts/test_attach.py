@@ -86,4 +86,4 @@ def test_a_missing_agent_is_named(
 def test_options_of_the_societys_start_are_refused(option: str) -> None:
     done = call("run", "sc1", "--attach", option)
     assert done.returncode == 2
-    assert f"{option.partition('=')[0]} is for whoever starts the society" in done.stderr
+    assert option.partition("=")[0] in done.stderr

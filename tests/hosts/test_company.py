@@ -52,9 +52,7 @@ def test_of_two_that_start_in_one_instant_exactly_one_drives(
     assert len({state.cycle.epoch for state in observer.states}) == 1
 
 
-def test_the_robot_agent_of_one_that_was_killed_is_in_nobodys_way(
-    up: Start, observer: Observer
-) -> None:
+def test_a_killed_robot_agent_does_not_block_the_next(up: Start, observer: Observer) -> None:
     process = up("robot")
     observer.until(lambda: observer.states, "the robot talks")
     epoch = observer.state.cycle.epoch

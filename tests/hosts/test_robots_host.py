@@ -1,4 +1,4 @@
-"""Hosts wait for the robot's host, and outlive it: what they run stays, and goes on with it."""
+"""Hosts wait for the robot's host and outlive it: their agents continue with the next one."""
 
 from __future__ import annotations
 

