@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.localization.encoder import (
-    AGAIN_CYCLES,
     CREEP_M,
     CREEP_RAD,
     LEAP_M,
-    TOLD_CYCLES,
-    YOUNG_CYCLES,
+    ORIGIN_CYCLES,
+    WAIT_CYCLES,
+    YOUNG_EPOCH_CYCLES,
     Encoder,
     Parameters,
 )
@@ -89,7 +89,7 @@ def test_no_lie_makes_it_unable_to_say_a_pose(
         robot.restart()
         checked(robot.moved(state.x, state.y, state.theta))
     robot.restart()
-    for _ in range(TOLD_CYCLES + AGAIN_CYCLES + 1):
+    for _ in range(WAIT_CYCLES + ORIGIN_CYCLES + 1):
         checked(robot.moved(x, y, 0.0))
     assert checked(robot.origin()) == robot.agent.memory.newest(Origin)
 
@@ -196,7 +196,7 @@ def test_an_encoder_agent_that_restarts_goes_on_by_what_the_others_remember(
 def test_both_may_restart_in_either_order(first: str, zeroes: bool) -> None:
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
     robot.moved(0.0, 0.0, 0.0)
-    for _ in range(AGAIN_CYCLES):
+    for _ in range(ORIGIN_CYCLES):
         stood = robot.moved(3.5, 1.0, 0.7)
     if first == "robot":
         robot.restart()
@@ -219,12 +219,12 @@ def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
 
 def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
     robot = Robot(x=5.0)
-    for _ in range(YOUNG_CYCLES):
+    for _ in range(YOUNG_EPOCH_CYCLES):
         robot.moved(1.0, 0, 0)
     known = robot.origin()
     robot.restart_encoder(remembered=False)
     robot.agent.start(robot.now)
-    said = [robot.moved(1.0, 0, 0) for _ in range(TOLD_CYCLES)]
+    said = [robot.moved(1.0, 0, 0) for _ in range(WAIT_CYCLES)]
     assert all(isnan(pose.x) for pose in said)
     robot.give(known)
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
@@ -232,19 +232,19 @@ def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
 
 def test_who_comes_late_and_is_told_nothing_begins_by_itself() -> None:
     robot = Robot(x=5.0)
-    robot.number = YOUNG_CYCLES
-    for _ in range(TOLD_CYCLES):
+    robot.number = YOUNG_EPOCH_CYCLES
+    for _ in range(WAIT_CYCLES):
         robot.moved(1.0, 0, 0)
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
 def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is() -> None:
     robot = Robot(x=1.0)
-    cycles = 4 * AGAIN_CYCLES
+    cycles = 4 * ORIGIN_CYCLES
     for number in range(cycles):
         robot.moved(0.01 * number, 0.0, 0.0)
     said = [message for message in robot.published if isinstance(message, Origin)]
-    assert len(said) == 1 + cycles // AGAIN_CYCLES
+    assert len(said) == 1 + cycles // ORIGIN_CYCLES
     assert [origin.counter for origin in said] == sorted({origin.counter for origin in said})
     assert {(origin.x, origin.y, origin.theta, origin.by) for origin in said} == {
         (1.0, 0.0, 0.0, said[0].by)
@@ -254,7 +254,7 @@ def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is()
 
 def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -> None:
     old, young = Robot(x=1.0), Robot(x=50.0)
-    for _ in range(3 * AGAIN_CYCLES):
+    for _ in range(3 * ORIGIN_CYCLES):
         old.moved(0.0, 0.0, 0.0)
     young.moved(0.0, 0.0, 0.0)
     known = old.origin()
@@ -349,7 +349,7 @@ def test_what_was_corrected_outlives_the_encoder_agent() -> None:
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
-    for _ in range(AGAIN_CYCLES + 1):
+    for _ in range(ORIGIN_CYCLES + 1):
         robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
     assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
@@ -359,7 +359,7 @@ def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_s
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0), confidence=0.0)
-    for _ in range(AGAIN_CYCLES + 1):
+    for _ in range(ORIGIN_CYCLES + 1):
         found = robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
     assert robot.moved(0.0, 0.0, 0.0).covariance == found.covariance
@@ -384,7 +384,7 @@ def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (0.4, 0.0, 0.0))
     robot.published.clear()
-    for _ in range(2 * AGAIN_CYCLES):
+    for _ in range(2 * ORIGIN_CYCLES):
         robot.moved(0.0, 0.0, 0.0)
     assert sum(isinstance(message, Origin) for message in robot.published) == 2
 

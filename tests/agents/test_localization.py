@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
 from armadico.agents.localization import reflectors
-from armadico.agents.localization.global_search import Alternative, Place, Search, anywhere
+from armadico.agents.localization.global_search import Alternative, Place, Search, uniform_poses
 from armadico.agents.localization.localization import (
     LASER,
     SONARS,
@@ -29,13 +29,13 @@ from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Setti
 from armadico.agents.localization.reflectors import WALL
 from armadico.agents.localization.relocate import Relocate
 from armadico.agents.localization.sonar_model import (
+    BATCH_PAIRS,
+    BEHIND,
     EXACT,
     EXCUSED,
+    MISSED,
     RANDOM,
     SHORT,
-    THROUGH,
-    UNHEARD,
-    WIDE,
     SonarModel,
 )
 from armadico.agents.methods.grid import Grid
@@ -120,8 +120,8 @@ def test_what_a_reading_may_be_besides_a_wall_of_the_map() -> None:
     others = 1.0 - EXACT
     assert one(pose, 3.0) > 0.6
     assert one(pose, 1.5) == pytest.approx(others * (SHORT + RANDOM), abs=0.02)
-    assert one(pose, 4.5) == pytest.approx(others * RANDOM * THROUGH, abs=0.02)
-    assert one(pose, None) == pytest.approx(UNHEARD + (1.0 - UNHEARD) * (1.0 - WALL), abs=0.04)
+    assert one(pose, 4.5) == pytest.approx(others * RANDOM * BEHIND, abs=0.02)
+    assert one(pose, None) == pytest.approx(MISSED + (1.0 - MISSED) * (1.0 - WALL), abs=0.04)
     assert one((3.0, 1.5, 0.0), 3.0) > one((3.0, 1.5, 0.5), 3.0)
 
 
@@ -148,11 +148,11 @@ def test_a_mirror_is_heard_square_to_it_outside_of_the_cone_too(off: float) -> N
     assert one(turned, 3.0) > 2.0 * one(turned, 3.0 / cos(radians(off)))
 
 
-@pytest.mark.parametrize(("range_m", "heard"), [(1.0, True), (1.5, False)])
-def test_a_corner_is_heard_where_it_is(range_m: float, heard: bool) -> None:
+@pytest.mark.parametrize(("range_m", "received"), [(1.0, True), (1.5, False)])
+def test_a_corner_is_heard_where_it_is(range_m: float, received: bool) -> None:
     """That of (6, 0), by who looks along the diagonal: both walls are 45 degrees off."""
     away = range_m / 2**0.5
-    assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == heard
+    assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == received
 
 
 @pytest.mark.parametrize("y", [3.85, 3.7, 3.6])
@@ -185,7 +185,7 @@ def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is
     ways = np.where(in_sight, rng.uniform(0.1, 5.0, in_sight.shape), 0.0).astype(np.float32)
     angles = rng.uniform(-pi, pi, in_sight.shape).astype(np.float32)
     table = np.empty(cells * reflectors.HEADINGS, dtype=reflectors.ROW)
-    reflectors._likely(made, which, ways, angles, table)
+    reflectors._fill_table(made, which, ways, angles, table)
     for number, row in enumerate(table.tolist()):
         cell, heading = divmod(number, reflectors.HEADINGS)
         silent, answers = 1.0, [(0.0, nothing)] * reflectors.LIKELY
@@ -208,7 +208,9 @@ def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is
 def test_echoes_are_weighed_together_as_each_alone() -> None:
     """Many at once, with some that found nothing among them, at places in the map and beyond it."""
     rng = np.random.default_rng(9001)
-    poses = rng.uniform((-1.0, -1.0, -20.0), (7.0, 5.0, 20.0), (WIDE // 4, 3)).astype(np.float32)
+    poses = rng.uniform((-1.0, -1.0, -20.0), (7.0, 5.0, 20.0), (BATCH_PAIRS // 4, 3)).astype(
+        np.float32
+    )
     echoes = ring((1.5, 1.5, 0.4))
     echoes[1] = replace(echoes[1], range=None)
     echoes[6] = replace(echoes[6], range=None)
@@ -273,7 +275,7 @@ def searched(particles: MonteCarlo, most: int | None = None) -> Search:
 
 
 def alternative(particles: MonteCarlo, here: Pose2) -> Alternative | None:
-    search = searched(particles, particles.history.news)
+    search = searched(particles, particles.history.new_readings)
     return search.alternative(here, particles.settings.trust)
 
 
@@ -327,7 +329,7 @@ def test_what_is_learnt_of_the_wheels_is_the_error_that_they_have() -> None:
     particles = MonteCarlo(MODEL, free(), np.random.default_rng(1), odometry=odometry)
     particles.start_at(START, 0.05, 0.03)
     follow(particles, START, 250, drift=0.06)
-    assert particles.learnt == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
+    assert particles.wheel_errors == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
 
 
 def test_they_find_a_robot_of_which_nothing_is_known() -> None:
@@ -355,7 +357,7 @@ def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> No
     assert hypot(other.pose[0] - after.pose[0], other.pose[1] - after.pose[1]) > 0.5
     assert other.odds > 10.0
     assert other.fit > 1.5 * other.stay_fit
-    assert other.readings <= particles.history.news - 3, (
+    assert other.readings <= particles.history.new_readings - 3, (
         "what was heard before it was lifted is not of it"
     )
     assert np.array_equal(particles.poses, poses)
@@ -501,12 +503,12 @@ def test_where_all_that_it_hears_is_excused_nothing_fits() -> None:
 
 def test_without_readings_no_place_is_found() -> None:
     particles = lost(WALLS, 60)
-    assert particles.history.news > 5
-    particles.history.forget()
+    assert particles.history.new_readings > 5
+    particles.history.discard_old()
     before = particles.poses.copy()
     search = searched(particles)
     particles.gather(search)
-    assert (particles.history.news, search.places) == (0, [])
+    assert (particles.history.new_readings, search.places) == (0, [])
     assert np.array_equal(particles.poses, before)
 
 
@@ -596,15 +598,17 @@ def test_it_says_where_the_odometry_begins_by_the_map(world: str) -> None:
     robot = Robot(Parameters(world=world))
     begin = relative((0.0, 0.0, 0.0), START)
     for pose, motion in drive(START, 400, drift=0.03):
-        told = compose(begin, robot.odometry)
-        corrections = robot.at(pose, motion, told)
+        by_encoder = compose(begin, robot.odometry)
+        corrections = robot.at(pose, motion, by_encoder)
     x, y, theta = placed(corrections[-1], robot.odometry)
     assert hypot(x - pose[0], y - pose[1]) < 0.12
     assert abs(wrap(theta - pose[2])) < 0.08
     assert corrections[-1].confidence > 0.9
     assert len(corrections[-1].covariance) == 6
-    told = compose(begin, robot.odometry)
-    assert hypot(told[0] - pose[0], told[1] - pose[1]) > 0.2  # what it was corrected from
+    by_encoder = compose(begin, robot.odometry)
+    assert (
+        hypot(by_encoder[0] - pose[0], by_encoder[1] - pose[1]) > 0.2
+    )  # what it was corrected from
 
 
 def test_what_may_be_does_not_go_through_a_wall_that_does_not_answer(world: str) -> None:
@@ -679,11 +683,11 @@ def test_it_is_looked_for_where_names_are_and_elsewhere_only_if_it_began_there()
     robot = Robot(Parameters(world="surveillance", start="anywhere"))
     void = (6.0, 8.0, 0.0)  # between two wings of the building
     robot.at((1.5, 2.0, 0.0), (0.0, 0.0, 0.0), (1.5, 2.0, 0.0))
-    guesses = anywhere(robot.agent._filter._free, 5000, np.random.default_rng(1))
+    guesses = uniform_poses(robot.agent._filter._free, 5000, np.random.default_rng(1))
     assert not ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
     robot = Robot(Parameters(world="surveillance"))
     robot.at(void, (0.0, 0.0, 0.0), void)
-    guesses = anywhere(robot.agent._filter._free, 5000, np.random.default_rng(1))
+    guesses = uniform_poses(robot.agent._filter._free, 5000, np.random.default_rng(1))
     assert ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
 
 
@@ -774,12 +778,12 @@ def doubting(
     confirm: Confirmation = SONARS,
 ) -> Robot:
     """Kidnapped; each search finds the next of these alternatives, the last one again and again."""
-    robot, told = Robot(Parameters(world=world, confirm=confirm)), list(others)
+    robot, left = Robot(Parameters(world=world, confirm=confirm)), list(others)
     for pose, motion in drive(START, 200):
         robot.at(pose, motion, pose)
 
     def alternative(*_: object) -> Alternative | None:
-        return told.pop(0) if len(told) > 1 else told[0]
+        return left.pop(0) if len(left) > 1 else left[0]
 
     monkeypatch.setattr(Search, "alternative", alternative)
     return robot
@@ -877,15 +881,15 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
 def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot, asked = doubting(world, monkeypatch, other(SURE, 0.6)), []
+    robot, requested = doubting(world, monkeypatch, other(SURE, 0.6)), []
 
     def staying(_search: Search, here: Pose2, _odds: float) -> None:
-        asked.append(here)
+        requested.append(here)
 
     monkeypatch.setattr(Search, "staying", staying)
     assert lost_in(carried(robot, 60, (0.1, 0.0, 0.0)))
-    assert asked
-    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in asked)
+    assert requested
+    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in requested)
 
 
 def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
@@ -1010,9 +1014,9 @@ def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str)
     """The encoder agent says that half a radian was not counted; so it is for who starts then."""
     off = 0.5
     covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
-    for told, least in ((covariance, 0.5 * off), ((), 0.0)):
+    for by_encoder, least in ((covariance, 0.5 * off), ((), 0.0)):
         robot = Robot(Parameters(world=world))
-        robot.at(START, (0.0, 0.0, 0.0), START, told)
+        robot.at(START, (0.0, 0.0, 0.0), START, by_encoder)
         headings = robot.agent._filter.poses[:, 2] - START[2]
         assert float(np.std(headings)) > least
         assert bool(least) == (float(np.std(headings)) > radians(10.0))
@@ -1095,8 +1099,8 @@ def modelled() -> np.ndarray:
 
 def test_what_is_made_of_a_map_is_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = modelled()
-    (kept,) = cache.iterdir()
-    assert kept.suffix == ".npz"
+    (cached,) = cache.iterdir()
+    assert cached.suffix == ".npz"
     monkeypatch.delattr("armadico.agents.localization.localization.fields")
     assert np.array_equal(modelled(), made)
 
@@ -1104,19 +1108,19 @@ def test_what_is_made_of_a_map_is_kept(cache: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("damaged", [b"", b"no zip at all", None])
 def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None:
     made = modelled()
-    (kept,) = cache.iterdir()
-    whole = kept.read_bytes()
-    kept.write_bytes(whole[:5000] + b"?" + whole[5001:] if damaged is None else damaged)
+    (cached,) = cache.iterdir()
+    whole = cached.read_bytes()
+    cached.write_bytes(whole[:5000] + b"?" + whole[5001:] if damaged is None else damaged)
     assert np.array_equal(modelled(), made)
-    assert kept.read_bytes() == whole
+    assert cached.read_bytes() == whole
 
 
 def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
     made = modelled()
-    (kept,) = cache.iterdir()
-    with np.load(kept) as whole:
+    (cached,) = cache.iterdir()
+    with np.load(cached) as whole:
         parts = {name: whole[name] for name in whole.files[1:]}
-    np.savez(kept, **parts)
+    np.savez(cached, **parts)
     assert np.array_equal(modelled(), made)
 
 
@@ -1126,7 +1130,7 @@ def test_what_a_killed_process_has_left_does_not_stay_for_ever(
     def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("armadico.agents.localization.kept.MOST", 2)
+    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
     with monkeypatch.context() as patch:
         patch.setattr("numpy.savez", killed)
         patch.setattr(Path, "unlink", killed)
@@ -1153,14 +1157,14 @@ def test_another_map_is_another_file(cache: Path) -> None:
 
 
 def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.kept.MOST", 2)
+    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
     for reach in (3.0, 4.0, 5.0):
         sonar_model(GRID, radians(30.0), reach)
     assert len(list(cache.iterdir())) == 2
 
 
 def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.kept.MOST_BYTES", 1)
+    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST_BYTES", 1)
     for reach in (3.0, 4.0):
         sonar_model(GRID, radians(30.0), reach)
         assert len(list(cache.iterdir())) == 1

@@ -162,8 +162,8 @@ def test_not_found_in_time_it_stands_and_says_so() -> None:
         last = made.cycle()
     assert claims(last) == []
     assert "not found in 5 s" in made.bid.reason
-    told = [said for said in made.published if isinstance(said, Log) and "it stands" in said.text]
-    assert len(told) == 1
+    logs = [said for said in made.published if isinstance(said, Log) and "it stands" in said.text]
+    assert len(logs) == 1
 
 
 def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
@@ -191,8 +191,8 @@ def looked_around(*, answers: bool | None) -> Alone:
 
 def ping(made: Alone, answers: bool | None, heard_m: float = 4.0) -> None:
     if answers is not None:
-        heard = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
-        made.give(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
+        echo = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
+        made.give(Sonar(made.at, 5.0, (*echo, Echo(0.07, 0.14, radians(90), 1.0))))
 
 
 def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() -> None:
@@ -239,7 +239,7 @@ def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: floa
 
 def test_on_a_way_that_tells_places_apart_too_it_creeps_where_nothing_answers(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     made.speed = (0.25, 0.0)
     made.agent._facing = True
     driven = set()
@@ -285,7 +285,7 @@ def world(tmp_path: Path) -> str:
     return str(path)
 
 
-def told(made: Alone, *places: Pose2) -> None:
+def distinguish(made: Alone, *places: Pose2) -> None:
     """Once it has looked round it hears where it may be."""
     made.holding()
     made.speed = (0.0, Parameters().w)
@@ -299,7 +299,7 @@ def told(made: Alone, *places: Pose2) -> None:
 def test_it_drives_by_the_places_where_the_robot_may_be(world: str) -> None:
     """A niche is 3.5 m ahead, or 1.5 m behind."""
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     assert made.bid.reason == "lost: to where places differ"
     v, w = speeds(commands(made.published)[-1])
     assert (v, abs(w)) == (0.0, Parameters().w)
@@ -307,16 +307,16 @@ def test_it_drives_by_the_places_where_the_robot_may_be(world: str) -> None:
 
 def test_with_one_place_or_no_map_it_drives_on_as_without(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0))
+    distinguish(made, (5.0, 1.0, 0.0))
     assert made.bid.reason == "lost: drive on"
     made = lost()
-    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     assert made.bid.reason == "lost: drive on"
 
 
 def test_particles_that_are_none_change_nothing(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0))
+    distinguish(made, (5.0, 1.0, 0.0))
     made.give(Particles(made.at, 0.0, 0.0, 0.1, b"12345"))
     made.cycle()
     assert made.bid.reason == "lost: drive on"

@@ -6,7 +6,12 @@ from math import cos, pi
 
 import pytest
 
-from armadico.agents.localization.rivals import DIRECTIONS, Leg, Rivals, places_of
+from armadico.agents.localization.active_localization import (
+    DIRECTIONS,
+    ActiveLocalizer,
+    Leg,
+    places_of,
+)
 from armadico.agents.methods.grid import Grid
 from armadico.config.worlds import Segment
 from armadico.mobile.geometry import Pose2
@@ -27,10 +32,10 @@ def leg(
     walls: list[Segment],
     places: list[tuple[Pose2, float]],
     room: float = 5.0,
-    been: list[tuple[float, float]] | None = None,
+    visited: list[tuple[float, float]] | None = None,
 ) -> Leg | None:
-    ways = Rivals(Grid(walls, (0.0, 0.0, 12.0, 3.0)), 0.3, 5.0)
-    return ways.leg(places, [room] * DIRECTIONS, been or [], 0.25, 0.5)
+    ways = ActiveLocalizer(Grid(walls, (0.0, 0.0, 12.0, 3.0)), 0.3, 5.0)
+    return ways.leg(places, [room] * DIRECTIONS, visited or [], 0.25, 0.5)
 
 
 def test_poses_are_of_the_places_that_they_are_about() -> None:
@@ -67,6 +72,6 @@ def test_a_way_has_to_be_free_at_all_places_and_by_what_the_robot_knows() -> Non
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_where_it_has_been_it_has_heard_what_there_is(side: float) -> None:
-    way = leg(NICHE, ALIKE, been=[(side * 0.25 * i, 0.0) for i in range(20)] * 8)
+    way = leg(NICHE, ALIKE, visited=[(side * 0.25 * i, 0.0) for i in range(20)] * 8)
     assert way is not None
     assert side * cos(way.heading) < 0.0
