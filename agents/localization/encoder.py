@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.odometry import WIDEST, begun_anew, may_stand_at, nowhere
+from armadico.agents.methods.odometry import WIDEST, may_apply, out_of_range, was_reset
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.messages import Message, RobotState, next_count
@@ -105,7 +105,7 @@ class Encoder(Agent):
         late = correction.cycle.number - initial[1] if correction.cycle.epoch == initial[0] else 0
         if initial[1] and -BEFORE_CYCLES <= late <= OLDER_CYCLES:
             return  # computed from the pose before the initial pose
-        if min(xx, yy, tt) < 0.0 or nowhere(correction.x, correction.y):
+        if min(xx, yy, tt) < 0.0 or out_of_range(correction.x, correction.y):
             return  # invalid: a negative variance, or a position out of range
         self._covariance = correction.covariance
         sure = correction.confidence >= SURE
@@ -115,7 +115,7 @@ class Encoder(Agent):
     def on_initial_pose(self, initial: InitialPose) -> None:
         """Set the pose from the operator, passed on by the interface agent (thesis 5.2.5)."""
         state = self.latest(RobotState)
-        if state is None or self._origin is None or not may_stand_at(initial, state):
+        if state is None or self._origin is None or not may_apply(initial, state):
             return
         odometry = (state.x, state.y, state.theta)
         self._initial_pose_at = state.cycle.epoch, state.cycle.number
@@ -180,7 +180,7 @@ class Encoder(Agent):
 
     def _begin(self, place: Pose2, odometry: Pose2) -> Pose2:
         """The origin for which the robot's present pose is `place`."""
-        if nowhere(*place[:2]):
+        if out_of_range(*place[:2]):
             place = (self.p.x, self.p.y, self.p.theta)
         self._by = self._id
         return compose(place, relative(odometry, STOOD))
@@ -188,7 +188,7 @@ class Encoder(Agent):
     def _continue(self, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         """The origin with another robot agent, or after the odometry was reset."""
         before, was = self._known
-        if before == epoch or not begun_anew(was, odometry):
+        if before == epoch or not was_reset(was, odometry):
             self._covariance = grown(self._covariance, relative(was, odometry))
             return origin
         self._covariance = grown(self._covariance, (UNCOUNTED_M, 0.0, 0.0))

@@ -23,7 +23,7 @@ from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Setti
 from armadico.agents.localization.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
-from armadico.agents.methods.odometry import WIDEST, begun_anew, may_stand_at, nowhere
+from armadico.agents.methods.odometry import WIDEST, may_apply, out_of_range, was_reset
 from armadico.config.places import Places
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
@@ -251,7 +251,7 @@ class Localization(Agent):
         """Start the filter at the first pose."""
         if self._started or not self._useful or self._odometry is None:
             return
-        if nowhere(pose.x, pose.y):
+        if out_of_range(pose.x, pose.y):
             return
         self._started = True
         if pose.deviation > self.p.lost_m:  # lost already before this agent started
@@ -269,7 +269,7 @@ class Localization(Agent):
 
     def on_initial_pose(self, initial: InitialPose) -> None:
         """Restart the filter at a pose from the operator, unless it is outside free space."""
-        at_rest = may_stand_at(initial, self.latest(RobotState))
+        at_rest = may_apply(initial, self.latest(RobotState))
         if not self._useful or self._odometry is None or not at_rest:
             return
         if np.hypot(*(self._free - (initial.x, initial.y)).T).min() > 2.0 * self.p.start_m:
@@ -293,7 +293,7 @@ class Localization(Agent):
         self._odometry, self._epoch = odometry, state.cycle.epoch
         if before is None or not self._started:
             return
-        if another and begun_anew(before, odometry):
+        if another and was_reset(before, odometry):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
             self._search, self._searched, self._unmoved = None, 0, None
             return

@@ -10,8 +10,8 @@ from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.agents.perception.known_walls import (
     CLOSE_M,
-    HEARD_CYCLES,
-    LATELY_CYCLES,
+    MEASURED_CYCLES,
+    RECENT_CYCLES,
     STEP_M,
     KnownWalls,
     Segment,
@@ -207,7 +207,7 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bearing", "heard", "explained"),
+    ("bearing", "measured", "explained"),
     [
         (0.0, 1.0, True),
         (radians(30.0), 1.0, True),  # by the wall's foot, outside of the cone
@@ -219,9 +219,9 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
     ],
 )
 def test_an_echo_is_a_walls_that_is_as_far_in_the_sonars_cone(
-    bearing: float, heard: float | None, explained: bool
+    bearing: float, measured: float | None, explained: bool
 ) -> None:
-    assert explains(at(HERE), Ping(0.0, 0.0, bearing, heard)) == explained
+    assert explains(at(HERE), Ping(0.0, 0.0, bearing, measured)) == explained
 
 
 def test_where_the_pose_is_unsure_an_echo_may_be_a_walls_that_is_farther_off() -> None:
@@ -251,11 +251,11 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
         return min(o.x for o in known.points() if abs(o.y) < 0.05)
 
     far = ahead()
-    for heard in (0.9, 0.95):
-        assert explains(known, Ping(0.0, 0.0, 0.0, heard))
-        assert ahead() == pytest.approx(heard, abs=0.02)
+    for measured in (0.9, 0.95):
+        assert explains(known, Ping(0.0, 0.0, 0.0, measured))
+        assert ahead() == pytest.approx(measured, abs=0.02)
     assert far > 1.0
-    for _ in range(HEARD_CYCLES + 1):
+    for _ in range(MEASURED_CYCLES + 1):
         known.on_echoes([])
     assert ahead() == pytest.approx(far)
 
@@ -267,11 +267,11 @@ CORNER = hypot(0.25, 0.2)
 MAY = 0.06  # m that the pose may be off
 
 
-def beyond_corner(wall: float, *heard: float) -> float:
+def beyond_corner(wall: float, *measured: float) -> float:
     """How far a wall to the right is beyond the circle of the body, m, heard from so far or not."""
     known = KnownWalls([(-2.0, -wall, 2.0, -wall)])
     known.on_pose(HERE, sure(sqrt(2.0) * MAY))
-    for away in heard:
+    for away in measured:
         assert explains(known, Ping(0.0, 0.0, -pi / 2, away))
         known.on_pose(HERE, sure(sqrt(2.0) * MAY))
     return min(-o.y for o in known.points(BODY) if abs(o.x) < 0.05) - CORNER
@@ -300,9 +300,9 @@ def test_a_doors_post_that_was_heard_is_where_it_was_heard_however_near(off: flo
         away = hypot(0.3, post + off)
         assert explains(known, Ping(0.0, 0.0, atan2(-post, 0.3), away))
     known.on_pose(HERE, sure(0.1))
-    heard = min(hypot(o.x, o.y) for o in known.points(BODY))
+    measured = min(hypot(o.x, o.y) for o in known.points(BODY))
     mapped = hypot(0.3, post)
-    assert heard > mapped + 0.02 if off > 0.0 else heard < mapped - 0.02
+    assert measured > mapped + 0.02 if off > 0.0 else measured < mapped - 0.02
 
 
 OFF = 0.08  # m that the pose may be off
@@ -335,7 +335,7 @@ def test_a_wall_goes_on_as_it_was_heard_not_as_a_turned_pose_has_it(
     along(known, turned)
     for o in to_the_left(known, 0.2, 0.4):
         assert o.y == pytest.approx(min(0.36 - turned * (0.4 + o.x), FARTHEST), abs=within)
-    for _ in range(LATELY_CYCLES + 1):
+    for _ in range(RECENT_CYCLES + 1):
         known.on_echoes([])
     assert to_the_left(known, 0.4, 0.7)[-1].y == pytest.approx(FARTHEST)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods.near import Look
+from armadico.agents.methods.near import RayResult
 from armadico.agents.methods.settings import ScanSettings
 from armadico.agents.perception.laser import LaserAgent, Parameters
 from armadico.agents.perception.scan_map import ScanMap
@@ -294,28 +294,33 @@ def test_what_came_of_looking_is_told_by_both_rays_beside_a_place() -> None:
     near = ScanMap()
     ranges = [2.0, 2.0, 1.0, inf, inf, nan, 2.0]
     near.update(message_of(Cycle(1, 1), ranges, (-0.3, 0.1), (0.1, 5.0), HERE))
-    angles = {-0.25: Look.THROUGH, -0.15: Look.NONE, 0.05: Look.NOTHING, 0.15: Look.NONE}
+    angles = {
+        -0.25: RayResult.THROUGH,
+        -0.15: RayResult.NONE,
+        0.05: RayResult.NOTHING,
+        0.15: RayResult.NONE,
+    }
     for bearing, expected in angles.items():
         assert near.probe([(1.5 * cos(bearing), 1.5 * sin(bearing))]) == [expected], bearing
-    assert near.probe([(2.0 * cos(-0.25), 2.0 * sin(-0.25))]) == [Look.SEEN]
-    assert near.probe([(-1.0, 0.0)]) == [Look.NONE]
+    assert near.probe([(2.0 * cos(-0.25), 2.0 * sin(-0.25))]) == [RayResult.SEEN]
+    assert near.probe([(-1.0, 0.0)]) == [RayResult.NONE]
     assert near.probe([]) == []
 
 
 def test_all_round_the_last_ray_is_the_first_ones_neighbour() -> None:
     near = ScanMap()
     near.update(message_of(Cycle(1, 1), [2.0] * 360, (0.0, tau / 360), (0.1, 5.0), HERE))
-    assert near.probe([(cos(-0.005), sin(-0.005))]) == [Look.THROUGH]
+    assert near.probe([(cos(-0.005), sin(-0.005))]) == [RayResult.THROUGH]
 
 
 def test_points_are_bounded_and_the_nearest_stay() -> None:
     near = ScanMap(ScanSettings(most=50, apart_m=0.001, sector_rad=0.001))
     ranges = np.linspace(1.0, 3.0, 720)
     near.update(message_of(Cycle(1, 1), ranges, (-pi, tau / 720), (0.1, 5.0), HERE))
-    heard = near.heard()
-    assert len(heard) == 50
-    assert heard[0].distance == pytest.approx(1.0, abs=1e-3)
-    assert heard[-1].distance < 1.2
+    measured = near.sensed()
+    assert len(measured) == 50
+    assert measured[0].distance == pytest.approx(1.0, abs=1e-3)
+    assert measured[-1].distance < 1.2
 
 
 def test_the_odometry_moves_what_is_remembered() -> None:
@@ -339,7 +344,7 @@ def test_whatever_scan_may_be_sent_is_taken(step: float, rays: int) -> None:
     for _ in range(2):
         near.update(Scan(Cycle(1, 1), 0, 0, 1e6, step, 30.0, bytes([232, 3]) * rays))
         near.probe([(0.5, 0.0)])
-    assert len(near.heard()) <= rays
+    assert len(near.sensed()) <= rays
 
 
 def test_its_key_is_its_own() -> None:

@@ -116,10 +116,10 @@ def test_silence_is_weak_evidence_a_slanted_wall_does_not_answer_either() -> Non
 def test_a_corner_that_the_ring_hears_thrice_and_misses_once_is_still_there() -> None:
     """Once wiped so, it was touched: the ring goes round in 3 to 4 cycles."""
     local = LocalMap(outline=BODY)
-    for heard in (1.1, 1.1, 1.1, None):
+    for measured in (1.1, 1.1, 1.1, None):
         for _ in range(4):
             local.move(STILL)
-        local.update([RING[2]._replace(range=heard)])
+        local.update([RING[2]._replace(range=measured)])
     assert len(local.points()) == 1
 
 
@@ -131,14 +131,14 @@ def test_what_is_not_near_the_axis_need_not_be_heard() -> None:
     assert any(point[:2] == (1.0, 0.0) for point in local.points())
 
 
-@pytest.mark.parametrize(("slant", "heard", "left"), [(30, None, 1), (30, 2.0, 0), (50, 2.0, 1)])
+@pytest.mark.parametrize(("slant", "measured", "left"), [(30, None, 1), (30, 2.0, 0), (50, 2.0, 1)])
 def test_a_smooth_wall_at_a_glancing_angle_need_not_answer(
-    slant: float, heard: float | None, left: int
+    slant: float, measured: float | None, left: int
 ) -> None:
     """Silence is nothing beyond 20 degrees, an echo by way of a mirror nothing beyond 45."""
     local = mapped((1.0, 0.0))
     off = math.radians(slant)
-    aside = Ping(1.0 - 0.5 * math.cos(off), -0.5 * math.sin(off), off, heard)
+    aside = Ping(1.0 - 0.5 * math.cos(off), -0.5 * math.sin(off), off, measured)
     for _ in range(9):
         local.update([aside])
     assert sum(point[:2] == (1.0, 0.0) for point in local.points()) == left

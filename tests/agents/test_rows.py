@@ -9,7 +9,7 @@ import pytest
 from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.settings import MapSettings
 from armadico.agents.perception.local_map import LocalMap
-from armadico.agents.perception.rows import AHEAD_M, END_M, Heard, Through, onward
+from armadico.agents.perception.rows import AHEAD_M, END_M, RowPoint, Through, onward
 from armadico.mobile.swept_path import Outline
 from tests.agents.pings import Ping
 
@@ -18,13 +18,13 @@ SLOPE = 0.176
 RIGHT = (0.0, -1.0)  # where the sonar abeam looks
 
 
-def beside(*xs: float, y: float = -0.35) -> list[Heard]:
+def beside(*xs: float, y: float = -0.35) -> list[RowPoint]:
     """A wall on the right, heard squarely at these."""
-    return [Heard(x, y, *RIGHT) for x in xs]
+    return [RowPoint(x, y, *RIGHT) for x in xs]
 
 
-def goes_on(heard: list[Heard], *through: Through) -> list[tuple[float, float]]:
-    return sorted(onward(heard, BODY, through, SLOPE))
+def goes_on(measured: list[RowPoint], *through: Through) -> list[tuple[float, float]]:
+    return sorted(onward(measured, BODY, through, SLOPE))
 
 
 def test_a_wall_that_is_driven_along_goes_on_ahead_and_ends_behind() -> None:
@@ -39,7 +39,9 @@ def test_a_wall_that_is_driven_along_goes_on_ahead_and_ends_behind() -> None:
 def test_one_that_converges_is_nearer_ahead() -> None:
     slant = radians(15)
     normal = (sin(slant), -cos(slant))
-    points = [Heard(k * 0.1 * cos(slant), -0.4 + k * 0.1 * sin(slant), *normal) for k in range(3)]
+    points = [
+        RowPoint(k * 0.1 * cos(slant), -0.4 + k * 0.1 * sin(slant), *normal) for k in range(3)
+    ]
     x, y = max(goes_on(points))
     assert y == pytest.approx(-0.4 + (x * sin(slant) / cos(slant)))
     assert y > -0.4 + 0.2 * sin(slant)  # nearer than what was heard of it
@@ -48,11 +50,11 @@ def test_one_that_converges_is_nearer_ahead() -> None:
 def test_one_point_is_no_wall_and_neither_are_two_of_different_things() -> None:
     assert goes_on(beside(0.0)) == []
     assert goes_on(beside(0.0, 0.5)) == []  # too far apart
-    assert goes_on([*beside(0.0), Heard(0.1, -0.6, *RIGHT)]) == []  # one behind the other
+    assert goes_on([*beside(0.0), RowPoint(0.1, -0.6, *RIGHT)]) == []  # one behind the other
 
 
 def test_what_is_across_the_way_goes_on_no_farther_than_a_corner_is_off() -> None:
-    ahead = [Heard(0.5, y, 1.0, 0.0) for y in (-0.1, 0.0, 0.1)]
+    ahead = [RowPoint(0.5, y, 1.0, 0.0) for y in (-0.1, 0.0, 0.1)]
     assert [y for _, y in goes_on(ahead)] == pytest.approx([-0.1 - END_M[0], 0.1 + END_M[0]])
     assert all(x == 0.5 for x, _ in goes_on(ahead))
 
@@ -69,7 +71,7 @@ def test_where_a_ping_went_through_squarely_it_does_not_go_on() -> None:
 
 
 def test_nothing_goes_on_into_the_body() -> None:
-    inside = [Heard(x, 0.1, 0.0, 1.0) for x in (0.25, 0.35)]
+    inside = [RowPoint(x, 0.1, 0.0, 1.0) for x in (0.25, 0.35)]
     assert all(x > BODY.front for x, _ in goes_on(inside))
 
 

@@ -114,7 +114,7 @@ def scan(*ranges: float, bearing: float = -0.4, step: float = 0.1) -> Scan:
 
 def scanned(*ranges: float, seen: Seen | None = None, at: Placed = HERE) -> Seen:
     seen = seen or Seen(None)
-    seen.take_scan(at, scan(*ranges), 0.0, 0.0)
+    seen.add_scan(at, scan(*ranges), 0.0, 0.0)
     return seen
 
 
@@ -151,9 +151,9 @@ def test_a_ray_without_a_valid_range_says_nothing() -> None:
 
 def test_of_a_scan_too_a_wall_of_the_map_is_nothing_new_and_a_box_is() -> None:
     seen = Seen(KNOWN)
-    seen.take_scan(Placed(5.0, 2.0), scan(*[1.0] * 9), 0.0, 0.0)
+    seen.add_scan(Placed(5.0, 2.0), scan(*[1.0] * 9), 0.0, 0.0)
     assert seen.points(0.0) == ()
-    seen.take_scan(Placed(3.0, 2.0), scan(*NOWHERE[:4], 1.0, *NOWHERE[:4]), 0.0, 0.0)
+    seen.add_scan(Placed(3.0, 2.0), scan(*NOWHERE[:4], 1.0, *NOWHERE[:4]), 0.0, 0.0)
     assert len(seen.points(0.0)) == 1
 
 
@@ -161,23 +161,23 @@ def test_of_a_scan_too_a_wall_of_the_map_is_nothing_new_and_a_box_is() -> None:
 def test_a_laser_may_turn_either_way(step: float) -> None:
     seen = Seen(None)
     turns = scan(*NOWHERE[:2], 1.0, *NOWHERE[:6], bearing=-4 * step, step=step)
-    seen.take_scan(HERE, turns, 0.0, 0.0)
+    seen.add_scan(HERE, turns, 0.0, 0.0)
     ((x, y, *_),) = seen.points(0.0)
     assert atan2(y - 2.0, x - 2.0) == pytest.approx(-2 * step, abs=0.01)
     for _ in range(3):
-        seen.take_scan(HERE, scan(*NOWHERE, bearing=-4 * step, step=step), 0.0, 0.0)
+        seen.add_scan(HERE, scan(*NOWHERE, bearing=-4 * step, step=step), 0.0, 0.0)
     assert seen.points(0.0) == ()
 
 
 def test_what_stands_between_the_last_ray_of_a_turn_and_the_first_is_looked_through() -> None:
     seen, ranges = Seen(None), [float("inf")] * 63
-    seen.take_scan(HERE, scan(1.0, *ranges[1:], bearing=0.0, step=tau / 63), 0.0, 0.0)
+    seen.add_scan(HERE, scan(1.0, *ranges[1:], bearing=0.0, step=tau / 63), 0.0, 0.0)
     for _ in range(3):
-        seen.take_scan(HERE, scan(*ranges, bearing=0.05, step=tau / 63), 0.0, 0.0)
+        seen.add_scan(HERE, scan(*ranges, bearing=0.05, step=tau / 63), 0.0, 0.0)
     assert seen.points(0.0) == ()
 
 
 def test_a_scan_of_bytes_that_are_no_ranges_is_refused() -> None:
     broken = structs.replace(scan(1.0), packed=b"\x01")
     with pytest.raises(ValueError, match="buffer size"):
-        Seen(None).take_scan(HERE, broken, 0.0, 0.0)
+        Seen(None).add_scan(HERE, broken, 0.0, 0.0)

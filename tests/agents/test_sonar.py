@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.perception.comers import AHEAD_S
-from armadico.agents.perception.sonar import LOOK_S, Parameters, SonarAgent
+from armadico.agents.perception.approaching import AHEAD_S
+from armadico.agents.perception.sonar import START_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
 from armadico.core.messages import Cycle, Point, RobotState
@@ -31,7 +31,7 @@ class Ring:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
         self.agent.receive(described(robot), 0.0)
         self.epoch, self.number, self.now = 1, 0, 0.0
-        self.agent._listened = 99
+        self.agent._cycles = 99
 
     def ping(
         self,
@@ -52,8 +52,8 @@ class Ring:
             each = deviation * deviation / 2.0
             covariance = (each, 0.0, 0.0, each, 0.0, 1e-4) if deviation else ()
             self.agent.receive(Pose(cycle, *pose, covariance), self.now)
-        heard = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
-        self.agent.receive(Sonar(cycle, 5.0, heard), self.now)
+        measured = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
+        self.agent.receive(Sonar(cycle, 5.0, measured), self.now)
         out, self.agent.outbox = self.agent.outbox, []
         said = [o.message for o in out if isinstance(o, Publish)]
         (found,) = (message for message in said if isinstance(message, Obstacles))
@@ -79,15 +79,15 @@ def polar(distance: float, bearing: float) -> Point:
 def test_one_that_has_just_started_says_nothing_until_it_has_looked_round(cycle_s: float) -> None:
     agent = SonarAgent(Identity("sonar-2"))
     agent.receive(replace(described(), cycle_s=cycle_s), 0.0)
-    looks, said = round(LOOK_S / cycle_s), []
-    for number in range(1, looks + 2):
+    cycles, said = round(START_S / cycle_s), []
+    for number in range(1, cycles + 2):
         now = cycle_s * number
         agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
         agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
         said += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
     said_for = [m.cycle.number for m in said if isinstance(m, Obstacles)]
-    assert said_for == [looks, looks + 1]
+    assert said_for == [cycles, cycles + 1]
 
 
 def test_before_the_robot_is_described_it_says_nothing() -> None:
@@ -292,7 +292,7 @@ def test_what_the_map_has_shut_and_the_sonars_hear_through_is_open() -> None:
 
 def test_one_that_restarts_beside_a_wall_that_does_not_answer_knows_of_it_at_once() -> None:
     ring = Ring(MAPPED)
-    ring.agent._listened = round(LOOK_S / 0.1) - 1
+    ring.agent._cycles = round(START_S / 0.1) - 1
     assert ring.ping((AHEAD, None), pose=(4.5, 0.0, 1.57)).right is not None
 
 
@@ -314,7 +314,7 @@ def test_an_echo_from_close_by_is_put_where_it_was_heard_whatever_wall_it_is_of(
     ring = Ring(MAPPED)
     for _ in range(3):
         ring.ping((0.0, away), pose=(5.0 - away, 0.0, 0.0))
-    assert bool([o for o in ring.agent._map.heard() if abs(o.x - away) < 0.02]) is put
+    assert bool([o for o in ring.agent._map.sensed() if abs(o.x - away) < 0.02]) is put
 
 
 def test_what_no_map_has_is_forgotten_sooner() -> None:
@@ -339,7 +339,7 @@ def test_what_was_touched_and_is_on_no_map_goes_on() -> None:
 def test_who_comes_is_put_where_it_will_be_soon_too() -> None:
     for speed, comes in ((0.6, True), (0.0, False)):
         ring = Ring(MAPPED)
-        ring.agent._pings = ring.agent._listened  # one a cycle, as here
+        ring.agent._pings = ring.agent._cycles  # one a cycle, as here
         for k in range(6):
             far = 1.5 - 0.1 * k * speed
             found = ring.ping((AHEAD, far), pose=(1.0, 0.0, 0.0))

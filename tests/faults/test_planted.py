@@ -267,14 +267,14 @@ def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
 
 def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
     hears_nobody_who_knows_better(patch)
-    went_on = Encoder._go_on
+    went_on = Encoder._continue
 
     def goes_on(self: Encoder, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         if self._known[0] == epoch:
             return went_on(self, origin, odometry, epoch)
         return self._begin((self.p.x, self.p.y, self.p.theta), odometry)
 
-    patch.setattr(Encoder, "_go_on", goes_on)
+    patch.setattr(Encoder, "_continue", goes_on)
 
 
 def remembers_no_origin(patch: pytest.MonkeyPatch) -> None:

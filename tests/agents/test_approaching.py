@@ -6,7 +6,7 @@ from math import hypot, inf, radians
 
 import pytest
 
-from armadico.agents.perception.comers import AHEAD_S, Comers
+from armadico.agents.perception.approaching import AHEAD_S, Approaching
 from armadico.mobile.swept_path import Outline
 from tests.agents.pings import Ping
 
@@ -17,24 +17,24 @@ AHEAD = 0.15  # where the sonar sits
 
 def watched(
     speed: float, v: float = 0.0, bearing: float = 0.0, *, mapped: bool = False, start: float = 2.0
-) -> Comers:
+) -> Approaching:
     """Somebody comes along a sonar's axis while the robot drives ahead; it looks each 0.32 s."""
-    comers = Comers()
+    approaching = Approaching()
     for look in range(3):
         at = 8 * PING_S * look
         far = start - speed * at - (v * at if bearing == 0.0 else 0.0)
         others = [Ping(0.0, 0.0, 3.0 + k, None) for k in range(7)]
         echoes = [*others, Ping(AHEAD, 0.0, bearing, far)]
-        comers.update(echoes, PING_S, (v * at, 0.0, 0.0), [mapped] * len(echoes), BODY)
-    return comers
+        approaching.update(echoes, PING_S, (v * at, 0.0, 0.0), [mapped] * len(echoes), BODY)
+    return approaching
 
 
 @pytest.mark.parametrize("v", [0.0, 0.4, 0.7])
 @pytest.mark.parametrize("speed", [0.5, 1.0])
 def test_who_comes_is_where_it_will_be_soon(speed: float, v: float) -> None:
     ((x, y),) = watched(speed, v).points()
-    heard = AHEAD + 2.0 - 0.64 * (speed + v)
-    assert x == pytest.approx(heard - AHEAD_S * speed)
+    measured = AHEAD + 2.0 - 0.64 * (speed + v)
+    assert x == pytest.approx(measured - AHEAD_S * speed)
     assert y == 0.0
 
 
@@ -55,8 +55,8 @@ def test_nobody_is_put_inside_of_the_body() -> None:
 
 
 def test_an_echo_that_was_lost_in_between_tells_nothing() -> None:
-    comers = Comers()
-    comers.update([Ping(AHEAD, 0.0, 0.0, 2.0)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
-    comers.update([Ping(AHEAD, 0.0, 0.0, None)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
-    comers.update([Ping(AHEAD, 0.0, 0.0, 1.9)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
-    assert not comers.points()
+    approaching = Approaching()
+    approaching.update([Ping(AHEAD, 0.0, 0.0, 2.0)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
+    approaching.update([Ping(AHEAD, 0.0, 0.0, None)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
+    approaching.update([Ping(AHEAD, 0.0, 0.0, 1.9)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
+    assert not approaching.points()
