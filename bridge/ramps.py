@@ -1,4 +1,4 @@
-"""Ramps of what a base is told: many obey as hard as their motors can; sans-IO."""
+"""Ramps for bases that accelerate as hard as their motors can; sans-IO."""
 
 from __future__ import annotations
 
@@ -7,21 +7,19 @@ from math import copysign, isfinite
 from armadico.config.profile import Limits
 
 RAMP_S = 0.04
-"""From one step of a ramp to the next."""
+"""Time from one step of a ramp to the next."""
 
 Speeds = tuple[float, float]
-"""m/s and rad/s."""
+"""v and w, m/s and rad/s."""
 
 REST: Speeds = (0.0, 0.0)
 
 
 class Ramps:
-    """The speeds that a base is told, on their way to what was asked for.
-
-    They change no faster than the profile's limits.
+    """Speeds sent to a base, which approach the requested ones by the profile's limits.
 
     Attributes:
-        due: When the next step is due, s; None: what was asked for is reached.
+        due: When the next step is due, s; None: the requested speeds are reached.
         told: The speeds of the last step.
         at: When that was, s.
     """
@@ -34,16 +32,16 @@ class Ramps:
         self.due: float | None = None
 
     def begin(self) -> None:
-        """Nothing was asked for."""
+        """Reset to zero speeds."""
         self._asked = self.told = REST
         self.due = None
 
     def ask(self, asked: Speeds, now: float) -> None:
-        """Ask for speeds; the next step is due at once."""
+        """Request speeds; the next step is due at once."""
         self._asked, self.due = asked, now
 
     def step(self, now: float) -> Speeds | None:
-        """The speeds to be told now; None: no step is due."""
+        """The speeds to send now; None: no step is due."""
         if self.due is None or now < self.due:
             return None
         (v, w), (v_asked, w_asked) = self.told, self._asked
@@ -54,7 +52,7 @@ class Ramps:
         return self.told
 
     def resume(self, measured: Speeds) -> None:
-        """Go on from the speeds that are measured, as far as they lie between rest and asked."""
+        """Continue from the measured speeds, as far as they lie between rest and the request."""
         v, w = (
             copysign(min(abs(one), abs(want)), want) if one * want > 0.0 else 0.0
             for one, want in zip(measured, self._asked, strict=True)

@@ -1,7 +1,7 @@
-"""What the robot's sensors say in a cycle, as messages: the echoes of its sonars, its laser's scan.
+"""The sensor readings of a cycle as messages: the sonars' echoes, the laser's scan.
 
-Sensors that have fallen silent say nothing at all: stale obstacles three cycles later are no free
-way. It is complained of once each time.
+A silent sensor publishes nothing: stale obstacles do not show free space. Each silence is reported
+once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from armadico.mobile.messages import Echo, Scan, Sonar
 from armadico.mobile.scans import message_of
 
 SILENT = 4
-"""Without a reading for so many cycles a sensor is said to be silent."""
+"""Cycles without a reading after which a sensor counts as silent."""
 
 SONAR, LASER = "sonar", "laser"
 
@@ -25,10 +25,11 @@ class Readings:
     """A robot's sensors.
 
     Attributes:
-        sensors: Which it has, as `Description` says it, and what each `provides`.
+        sensors: Their names, as in `Description`.
+        provides: The messages that they publish.
         sonar: This cycle's echoes; None: no sonar fired, or it has none.
-        scan: This cycle's newest scan; None: there is none that is new enough.
-        complaints: What is wrong since the last cycle.
+        scan: This cycle's newest scan; None: there is no fresh one.
+        complaints: Faults since the last cycle.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -44,10 +45,10 @@ class Readings:
         self.sonar: Sonar | None = None
         self.scan: Scan | None = None
         self.complaints: tuple[str, ...] = ()
-        self._unheard = self._unseen = 0  # cycles since a sonar fired, and a scan came
+        self._unheard = self._unseen = 0  # cycles since a sonar fired, and since a scan arrived
 
     def update(self, cycle: Cycle, report: Reported) -> None:
-        """What the robot reported in a cycle."""
+        """Add a cycle's report."""
         self.complaints = ()
         if self._ring is not None:
             echoes = _echoes(self._ring, report)
@@ -70,7 +71,7 @@ class Readings:
 
 
 def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
-    """Raises ValueError if it is no scan."""
+    """The scan as a message. Raises ValueError if it is invalid."""
     if swept is None:
         return None
     return message_of(
@@ -86,7 +87,7 @@ def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
 
 
 def _before(report: Reported, age_s: float) -> Pose2:
-    """Where the body was so long ago, in its frame now: m, m, rad."""
+    """The body's pose `age_s` ago, in its present frame: m, m, rad."""
     turned, way = -report.w * age_s, -report.v * age_s
     return way * cos(0.5 * turned), way * sin(0.5 * turned), turned
 

@@ -1,8 +1,9 @@
 """The robot agent: sole owner of the controller's port (thesis 3.7.1).
 
-It owns the wheels: the base class judges, acknowledges, and stops on silence and on `robot/stop`.
-Here is what is the robot's: what it reports makes the cycles, speeds go out through its session,
-and its watchdog is fed only while all of this works. Which protocol it speaks the session knows.
+It owns the wheels: the base class decides which agent to obey, acknowledges, and stops on silence
+and on `robot/stop`. This class has the robot's part. Each report makes a cycle, speeds are sent
+through the session, and the robot's watchdog is fed only while all of this works. Only the session
+depends on the protocol.
 """
 
 from __future__ import annotations
@@ -57,19 +58,19 @@ from armadico.mobile.messages import Origin, Scan, Sonar
 from armadico.mobile.scans import points_of
 
 PULSE_S = 0.5
-"""How often the watchdog is fed when there is nothing else to say."""
+"""Period of feeding the watchdog when nothing else is sent."""
 
 HEALTHY_S = 0.5
-"""The watchdog is fed only while status packets keep coming at least this often."""
+"""The watchdog is fed only while status packets arrive at least this often."""
 
 PATIENCE_S = 10.0
-"""A port that is not there by then, s, is worth more than a word in passing."""
+"""A port that is missing for this time, s, is reported as a warning."""
 
 AT_REST_M_S = 0.02
-"""Rims slower than this rest."""
+"""A wheel rim slower than this is at rest."""
 
 TOLD = tuple(2**n for n in range(20))
-"""Which attempts without a status packet are told; if they come, not the first: it was open."""
+"""Numbers of attempts that are logged. If status packets arrive, not the first: it was open."""
 
 _HINTS = (
     "is the robot on",
@@ -77,48 +78,48 @@ _HINTS = (
 )
 
 LINE_SAY_S = 10.0
-"""What is wrong on the line is told at most so often."""
+"""Least time between two logs of the line's counts."""
 
 _SIDES = {1: "ahead", -1: "behind", 0: "on turning"}
 
 DESCRIBE_CYCLES = 10
-"""The description is published once in so many cycles, for those who come late."""
+"""Cycles between two publications of the description, for agents that start later."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The port and the robot behind it."""
+    """The port and the robot on it."""
 
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
-    v_max: TopSpeed | None = None  # m/s: a limit below the profile's, of a scenario say
-    reflex: bool = True  # slow down for what is heard and seen ahead, whatever is commanded
+    v_max: TopSpeed | None = None  # m/s: a limit below the profile's, such as a scenario's
+    reflex: bool = True  # slow down for obstacles sensed ahead, at any command
 
 
 @dataclass
 class Known:
-    """What is known of the controller."""
+    """What is known about the controller."""
 
-    name: str = ""  # as it names itself
+    name: str = ""  # by its own report
     named: tuple[str, str, str] | None = None  # the names of the last one that was opened
-    openings: int = 0  # of the port, since the last status packet,
-    connections: int = 0  # and handshakes that ended well
-    refusals: int = 0  # how often it was refused,
-    unfit: str = ""  # and why
-    differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
+    openings: int = 0  # of the port, since the last status packet
+    connections: int = 0  # completed handshakes since then
+    refusals: int = 0  # how often it was refused
+    unfit: str = ""  # why it was refused
+    differs: tuple[str, ...] = ()  # where the robot differs from the profile
 
 
 @dataclass
 class Orders:
-    """What the wheels do and are to do, m/s and rad/s."""
+    """Measured and commanded speeds of the wheels, m/s and rad/s."""
 
     measured: tuple[float, float] = (0.0, 0.0)
-    ordered: tuple[float, float] = (0.0, 0.0)  # what was last obeyed
-    driven: tuple[float, float] = (0.0, 0.0)  # what came of it by the reflexes
-    moving: bool = False  # whether the controller was last told to move
+    ordered: tuple[float, float] = (0.0, 0.0)  # the last command obeyed
+    driven: tuple[float, float] = (0.0, 0.0)  # that command after the reflexes
+    moving: bool = False  # whether the controller was last commanded to move
 
 
 class LineNotes:
-    """Bounds how often the counts of the line are logged."""
+    """Limits how often the counts of the line are logged."""
 
     def __init__(self) -> None:
         self._logged, self._at = Line(), -inf
@@ -132,7 +133,7 @@ class LineNotes:
 
 
 class Robot(DeviceAgent):
-    """The robot, as the society knows it."""
+    """The robot, as other agents know it."""
 
     name = "robot"
     alone = True
@@ -162,7 +163,7 @@ class Robot(DeviceAgent):
         self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
-        self._awaited = ""  # before the port was ever open: why it is not
+        self._awaited = ""  # before the port was first open: the reason
         self._known = Known()
         self._orders = Orders()
         self._reported_at = float("-inf")
@@ -176,18 +177,18 @@ class Robot(DeviceAgent):
 
     @classmethod
     def subscriptions(cls) -> tuple[agent.Subscription, ...]:
-        """It makes the cycles and describes itself, so it does not listen to either."""
+        """All but cycles and descriptions, which it publishes itself."""
         own = (RobotState, Description)
         return tuple(s for s in super().subscriptions() if s.message not in own)
 
     def on_appeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        """Describe the robot to who has just come, with the next status packet."""
+        """Publish the description with the next status packet, for the new agent."""
         self._described = 0
 
     # The port ------------------------------------------------------------------------------------
 
     def on_link(self, up: bool, why: str) -> None:
-        """The port was opened, or is gone."""
+        """Handle the port's opening or loss."""
         if not up and self._session is None:  # started before it, as anybody may be
             self._awaited = f"waiting for the port {self.p.port}: {why}"
             self.log(self._awaited)
@@ -218,7 +219,7 @@ class Robot(DeviceAgent):
             self._send()
 
     def on_wakeup(self) -> None:
-        """Time-outs: of the session, of the last valid command, of the watchdog."""
+        """Timeouts: of the session, of the last valid command, of the watchdog."""
         if self._session is None:
             self.log(f"still {self._awaited}", WARNING)
             return
@@ -287,7 +288,7 @@ class Robot(DeviceAgent):
             self.latch(Hand.EXCHANGED)
 
     def _refuse(self, event: Unfit) -> None:
-        """Report a controller that the profile does not fit; it is not opened."""
+        """Report a controller that the profile does not match; it is not opened."""
         self._orders.moving = False
         self._known.refusals += 1
         why = self._kind.unfit(self.profile, event)
@@ -296,15 +297,15 @@ class Robot(DeviceAgent):
             self.log(self._known.unfit, ERROR, LogEvent.UNFIT)
 
     def _catch_up(self) -> None:
-        """Let the session know how late it is: after a pause its ramps begin with what it was told.
+        """Update the session's time: after a pause its ramps start from the last command.
 
-        Otherwise the first step after one is that of a moment before it: what was asked for then.
+        Otherwise the first step would be that of the moment before the pause.
         """
         if self._session is not None:
             self._on_events(self._session.tick(self.now))
 
     def _send(self) -> None:
-        """Write what the session has to say, and wake for what it waits for."""
+        """Write the session's bytes, and set the wake-up that it needs."""
         assert self._session is not None
         data = self._session.outgoing()
         if data:
@@ -356,7 +357,7 @@ class Robot(DeviceAgent):
         self._insist(v, w)
 
     def _line(self) -> Line:
-        """What was wrong on the line; told now and then, if something new was."""
+        """The counts of invalid data on the line; new ones are logged at a limited rate."""
         session = self._session
         assert session is not None, "it has a line"
         line = session.line
@@ -365,7 +366,7 @@ class Robot(DeviceAgent):
         return line
 
     def card(self) -> Card:
-        """Without the readings of sensors that this robot has not got: nobody has to miss them."""
+        """The card without the messages of sensors that this robot lacks."""
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         said = super().card()
         provides = tuple(key for key in said.provides if key not in none)
@@ -374,11 +375,11 @@ class Robot(DeviceAgent):
 
     @property
     def _top(self) -> float:
-        """The top speed, by the profile, the scenario, and what the laser's rays are sure of."""
+        """The top speed, by the profile, the scenario, and the laser's resolution, m/s."""
         return min(self._v_max, self._gaps.v_max)
 
     def description(self) -> Description:
-        """The robot's body and limits, by its profile."""
+        """The robot's footprint and limits, by its profile."""
         body, limits, cycle_s = self.profile.body, self.profile.limits, self.profile.cycle_s
         ring = self.profile.sonar
         return Description(
@@ -402,11 +403,11 @@ class Robot(DeviceAgent):
         )
 
     def _heed_hands(self, report: Reported) -> None:
-        """Latch the stop when somebody at the robot wants it to stand.
+        """Latch the stop when a person at the robot stops it.
 
-        Motors that come back must not drive off at once, so that takes a release, on purpose; and
-        one while they are off, or the button is pressed, does not hold. Those that a stall has cut
-        nobody has switched off.
+        Motors that come back must not drive off at once: that takes a deliberate release. A release
+        while they are off, or while the button is pressed, does not hold. Motors that a stall has
+        switched off were not switched off by a person.
         """
         assert self._session is not None
         off = not (report.motors or self._touch.cut) and self._session.motors_due
@@ -420,7 +421,7 @@ class Robot(DeviceAgent):
                 self.latch(Hand.MOTORS)
 
     def _check_obedience(self, report: Reported, ordered: tuple[float, float]) -> None:
-        """Stop a robot that does not move as ordered, by all means, until a person releases it."""
+        """Stop a robot that disobeys, by all means, until a person releases it."""
         assert self._session is not None
         if not self._obedience.judge(report, ordered, self.now, held=self._touch.felt):
             return
@@ -431,7 +432,7 @@ class Robot(DeviceAgent):
         self._send()
 
     def _feel(self, report: Reported) -> None:
-        """Rest on touching something; whose turn it is next, goes on as it sees fit."""
+        """Stop at a collision; the next holder continues."""
         v, w = self._orders.driven
         if self._touch.feel(report, self._orders.driven, self.now):
             self.rest(WHEELS)
@@ -443,23 +444,23 @@ class Robot(DeviceAgent):
             )
 
     def _touched(self) -> Point | None:
-        """Where it touches something: in the middle of an edge, for nobody knows better."""
+        """Where it touches an obstacle: the middle of an edge, since the place is unknown."""
         body, touch = self.profile.body, self._touch
         if not touch.felt or touch.side == 0:
             return None
         return Point(body.front_m if touch.side > 0 else -body.rear_m, 0.0)
 
     def _insist(self, v: float, w: float) -> None:
-        """Order the stop again while the wheels still turn: it may have been lost on the line.
+        """Command the stop again while the wheels still turn: it may have been lost on the line.
 
-        A pulse would only feed the watchdog of a controller that goes on as it was told before.
+        A pulse would only feed the watchdog of a controller that continues with the old speeds.
         """
         rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
         if not self._orders.moving and rim > AT_REST_M_S:
             self.rest(WHEELS)
 
     def _perceive(self, cycle: Cycle, report: Reported) -> None:
-        """Pass on what the sensors say."""
+        """Publish the sensors' readings."""
         readings = self._readings
         readings.update(cycle, report)
         for message in (readings.sonar, readings.scan):
@@ -471,7 +472,7 @@ class Robot(DeviceAgent):
             self.log(self._gaps.told, WARNING)
 
     def _heed(self, report: Reported) -> None:
-        """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
+        """Slow down for obstacles sensed ahead in this cycle, at any command."""
         pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
         self._reflex.update(
             () if sonar is None else sonar.echoes,
@@ -488,7 +489,7 @@ class Robot(DeviceAgent):
             self.log(text, WARNING, LogEvent.SLOWED)
 
     def _order(self, v: float, w: float) -> None:
-        """Order what was commanded, m/s and rad/s, capped by the reflexes."""
+        """Send a command, m/s and rad/s, capped by the reflexes."""
         assert self._session is not None
         self._orders.ordered = v, w
         v = self._touch.cap(v)
@@ -498,10 +499,10 @@ class Robot(DeviceAgent):
     # The wheels ----------------------------------------------------------------------------------
 
     def obey(self, resource: Resource, action: Any) -> None:  # noqa: ARG002 - it owns one
-        """Order the speeds, m/s and rad/s; what is above the limit is driven slower, the same arc.
+        """Send the speeds, m/s and rad/s; above the limit slower, on the same arc.
 
-        `beyond` refuses what no such robot can do. Who has not heard of a scenario's limit is none
-        the worse for it, nor is the robot.
+        `beyond` refuses what no such robot can do. An agent that does not know a scenario's limit
+        is not refused for exceeding it.
         """
         assert self._session is not None, "unavailable without one"
         self._catch_up()
@@ -513,7 +514,7 @@ class Robot(DeviceAgent):
         self._send()
 
     def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
-        """Order zero speeds, down the controller's ramps."""
+        """Command zero speeds, down the controller's ramps."""
         self._orders.moving = False
         self._orders.driven = (0.0, 0.0)
         self._catch_up()
@@ -526,19 +527,19 @@ class Robot(DeviceAgent):
         return self._orders.measured
 
     def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
-        """Speeds beyond the profile's limits are refused."""
+        """The refusal of speeds beyond the profile's limits."""
         limits, (v, w) = self.profile.limits, action
         if abs(v) <= limits.v_max and abs(w) <= limits.w_max:
             return ""
         return f"{v:g} m/s, {w:g} rad/s is beyond {limits.v_max:g} m/s, {limits.w_max:g} rad/s"
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
-        """Without a controller nobody is obeyed."""
+        """The refusal without a controller."""
         ready = self._session is not None and self._session.is_open
         return "" if ready else self._known.unfit or "the controller does not answer"
 
 
 def _told(event: Connected | Unfit) -> str:
-    """A controller by its own names, for people."""
+    """A controller by its own names, for the log."""
     kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
     return f"{event.name or 'a controller without a name'} ({kind})"
