@@ -36,12 +36,12 @@ class Gaps:
     Attributes:
         v_max: The speed from which the robot stops within the range of certain detection, m/s;
             infinite with sonars, which cover the gaps.
-        told: The limit and its reason, for the log; empty if the profile's limit is lower.
+        reason: The limit and its reason, for the log; empty if the profile's limit is lower.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
-        self.v_max, self.told = inf, ""
+        self.v_max, self.reason = inf, ""
         self._step = 0.0
         if profile.laser is not None:
             self._limit(radians(profile.laser.step_deg), profile.laser.x_m)
@@ -64,9 +64,9 @@ class Gaps:
         free = max(reach + x - body.front_m - TOUCH_M, 0.0)
         reaction = reaction_s(profile) + 1.0 / profile.laser.rate_hz
         self.v_max = max(braking(free, decel, reaction), SLOWEST_M_S)
-        self.told = ""
+        self.reason = ""
         if self.v_max < profile.limits.v_max:
-            self.told = (
+            self.reason = (
                 f"the laser's rays are {degrees(step):.1f} degrees apart: from {reach:.2f} m on"
                 f" something {width:.2f} m wide may stand between them unseen, so the robot is"
                 f" driven at {self.v_max:.2f} m/s at most; more rays would allow"

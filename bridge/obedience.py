@@ -42,7 +42,7 @@ class Obedience:
         self._bounds = [(0.0, 0.0), (0.0, 0.0)]  # least and greatest of v and w
         self._at = self._since = float("inf")  # of the last report; of the first beyond the bounds
 
-    def judge(
+    def update(
         self, report: Reported, ordered: tuple[float, float], now: float, *, held: bool = False
     ) -> bool:
         """Add one cycle's report; return whether the robot was found to disobey now.

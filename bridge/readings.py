@@ -33,19 +33,19 @@ class Readings:
     """
 
     def __init__(self, profile: RobotProfile) -> None:
-        self._ring, self._sees = profile.sonar, profile.laser is not None
+        self._ring, self._has_laser = profile.sonar, profile.laser is not None
         topic = profile.scans_from
         self._awaited = f"no scan on {topic}" if topic else "no scan"
-        said: dict[str, type[Message]] = {}
+        provided: dict[str, type[Message]] = {}
         if profile.sonar is not None:
-            said[SONAR] = Sonar
-        if self._sees:
-            said[LASER] = Scan
-        self.sensors, self.provides = tuple(said), tuple(said.values())
+            provided[SONAR] = Sonar
+        if self._has_laser:
+            provided[LASER] = Scan
+        self.sensors, self.provides = tuple(provided), tuple(provided.values())
         self.sonar: Sonar | None = None
         self.scan: Scan | None = None
         self.complaints: tuple[str, ...] = ()
-        self._unheard = self._unseen = 0  # cycles since a sonar fired, and since a scan arrived
+        self._no_echo = self._no_scan = 0  # cycles since a sonar fired, and since a scan arrived
 
     def update(self, cycle: Cycle, report: Reported) -> None:
         """Add a cycle's report."""
@@ -53,17 +53,17 @@ class Readings:
         if self._ring is not None:
             echoes = _echoes(self._ring, report)
             self.sonar = Sonar(cycle, self._ring.max_m, echoes) if echoes else None
-            self._unheard = 0 if echoes else self._unheard + 1
-            if self._unheard == SILENT:
+            self._no_echo = 0 if echoes else self._no_echo + 1
+            if self._no_echo == SILENT:
                 self._complain(f"no sonar has fired for {SILENT} cycles")
-        if self._sees:
+        if self._has_laser:
             wrong = f"{self._awaited} for {SILENT} cycles"
             try:
                 self.scan = _scan(cycle, report, report.scan)
             except ValueError as error:
                 self.scan, wrong = None, str(error)
-            self._unseen = 0 if self.scan is not None else self._unseen + 1
-            if self._unseen == SILENT:
+            self._no_scan = 0 if self.scan is not None else self._no_scan + 1
+            if self._no_scan == SILENT:
                 self._complain(f"the laser tells nothing, {wrong}")
 
     def _complain(self, what: str) -> None:
@@ -97,6 +97,6 @@ def _echoes(ring: SonarRing, report: Reported) -> tuple[Echo, ...]:
     echoes = []
     for index, distance in report.echoes:
         if index < len(places):
-            heard = 0.0 < distance < ring.max_m * 0.999
-            echoes.append(Echo(*places[index], distance if heard else None))
+            echoed = 0.0 < distance < ring.max_m * 0.999
+            echoes.append(Echo(*places[index], distance if echoed else None))
     return tuple(echoes)

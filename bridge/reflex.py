@@ -33,7 +33,7 @@ REACTION_CYCLES, REACTION_S = 2.0, 0.2
 TOUCH_M = 0.02
 """Least distance left to obstacles ahead."""
 
-SAY_S = 2.0
+REPORT_S = 2.0
 """Least time between two reports of capped speeds."""
 
 HELD_S = 0.5
@@ -68,7 +68,7 @@ class Reflex:
         self._half = profile.body.width_m / 2
         self._decel = profile.limits.v_decel
         self._reaction = reaction_s(profile)
-        self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
+        self._echo_points: dict[tuple[float, float, float], tuple[float, float, float]] = {}
         self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame
         self._seen_at = -inf
         self._rear = profile.body.rear_m
@@ -77,7 +77,7 @@ class Reflex:
         self._measured = (0.0, 0.0)
         self._capped: tuple[float, float] | None = None  # the speed commanded, and the one obeyed
         self._count = 0
-        self._said_at = -inf
+        self._reported_at = -inf
 
     def update(
         self,
@@ -102,15 +102,15 @@ class Reflex:
             self._seen = np.empty((0, 2))
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
-            self._heard.pop(sonar, None)
+            self._echo_points.pop(sonar, None)
             if echo.range is not None:
                 x = echo.x + echo.range * cos(echo.bearing)
                 y = echo.y + echo.range * sin(echo.bearing)
-                self._heard[sonar] = (*to_world(pose, x, y), now)
-        self._heard = {s: p for s, p in self._heard.items() if now - p[2] <= KEPT_S}
+                self._echo_points[sonar] = (*to_world(pose, x, y), now)
+        self._echo_points = {s: p for s, p in self._echo_points.items() if now - p[2] <= KEPT_S}
         self._measured = measured
-        heard = np.array([(x, y) for x, y, _ in self._heard.values()]).reshape(-1, 2)
-        points = _turned(np.concatenate([heard, self._seen]) - pose[:2], -pose[2])
+        echoed = np.array([(x, y) for x, y, _ in self._echo_points.values()]).reshape(-1, 2)
+        points = _turned(np.concatenate([echoed, self._seen]) - pose[:2], -pose[2])
         ahead, aside = points[:, 0], np.abs(points[:, 1])
         within = (-self._rear < ahead) & (ahead < self._front) & (aside < self._half)
         self._points = points[(ahead > 0.0) & ~within]  # a laser may see its own robot
@@ -133,12 +133,12 @@ class Reflex:
 
     def complaint(self, now: float) -> str | None:
         """A report of the speeds capped since the last report; None: none, or reported just now."""
-        if self._capped is None or now - self._said_at < SAY_S:
+        if self._capped is None or now - self._reported_at < REPORT_S:
             return None
-        self._said_at = now
-        (asked, given), count = self._capped, self._count
+        self._reported_at = now
+        (commanded, obeyed), count = self._capped, self._count
         self._capped, self._count = None, 0
-        return f"{count} x slowed for what is ahead, last from {asked:.2f} to {given:.2f} m/s"
+        return f"{count} x slowed for what is ahead, last from {commanded:.2f} to {obeyed:.2f} m/s"
 
     def _stopping(self, v: float) -> float:
         """Stopping distance from a speed (m/s), m."""
@@ -165,7 +165,7 @@ class Touch:
     Wheels are held if they do not turn as commanded although the ramps have long ended.
 
     Attributes:
-        felt: Whether it touches an obstacle now.
+        touching: Whether it touches an obstacle now.
         side: Where, by the direction of motion or of the command when it began: 1 ahead,
             -1 behind, 0 unknown.
         cut: Whether motors that are off may have been switched off for a stall.
@@ -180,7 +180,7 @@ class Touch:
 
     def begin(self) -> None:
         """Reset: the controller was opened again."""
-        self.felt, self.side = False, 0
+        self.touching, self.side = False, 0
         self._moved = 0  # direction of the last motion
         self._order = (0, inf)  # direction of the command, and since when, s
         self._least = (0.0, 0.0)  # speeds that the wheels must have reached by now, m/s and rad/s
@@ -190,7 +190,7 @@ class Touch:
         self._stuck: int | None = None  # bumpers pressed from the start: useless
         self._bumpers = (False, False)  # pressed ahead, behind
 
-    def feel(
+    def update(
         self,
         report: Reported,
         ordered: tuple[float, float],
@@ -216,11 +216,11 @@ class Touch:
             self._moved = _sign(report.v)
         if _sign(ordered[0]) != self._order[0]:
             self._order = _sign(ordered[0]), now
-        before = self.felt
-        self.felt = now < self._held_until
+        before = self.touching
+        self.touching = now < self._held_until
         known = ahead - behind  # 0: no bumper, or bumpers on both sides
         elsewhere = known not in (0, self.side)  # a bumper's side is certain, a command's a guess
-        if not self.felt or (before and not elsewhere):
+        if not self.touching or (before and not elsewhere):
             return False
         x, y = self._place
         pose = report.pose
@@ -241,7 +241,7 @@ class Touch:
     def cap(self, v: float) -> float:
         """The speed to obey, m/s: 0 towards an obstacle that it touches."""
         against = self.side * v > 0.0 or self._bumpers[0 if v > 0.0 else 1]
-        return 0.0 if self.felt and against else v
+        return 0.0 if self.touching and against else v
 
     def _held(self, report: Reported, ordered: tuple[float, float], now: float) -> bool:
         """Whether the wheels have turned much too slowly for too long."""

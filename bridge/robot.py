@@ -69,7 +69,7 @@ PATIENCE_S = 10.0
 AT_REST_M_S = 0.02
 """A wheel rim slower than this is at rest."""
 
-TOLD = tuple(2**n for n in range(20))
+LOGGED_ATTEMPTS = tuple(2**n for n in range(20))
 """Numbers of attempts that are logged. If status packets arrive, not the first: it was open."""
 
 _HINTS = (
@@ -77,7 +77,7 @@ _HINTS = (
     "it sends status packets and does not hear us: is the line to the robot whole",
 )
 
-LINE_SAY_S = 10.0
+LINE_LOG_S = 10.0
 """Least time between two logs of the line's counts."""
 
 _SIDES = {1: "ahead", -1: "behind", 0: "on turning"}
@@ -126,7 +126,7 @@ class LineNotes:
 
     def is_news(self, line: Line, now: float) -> bool:
         """Whether to log these counts, at a time (s)."""
-        if line == self._logged or now - self._at < LINE_SAY_S:
+        if line == self._logged or now - self._at < LINE_LOG_S:
             return False
         self._logged, self._at = line, now
         return True
@@ -195,13 +195,13 @@ class Robot(DeviceAgent):
             self.wake_at(self.now + PATIENCE_S)
             return
         self._known.openings += up
-        told = self._known.openings in TOLD or not self._known.openings
+        logged = self._known.openings in LOGGED_ATTEMPTS or not self._known.openings
         if not up:
             self._orders.moving = False
-            if told:
+            if logged:
                 self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
-        if told:
+        if logged:
             self.log(f"the port {self.p.port} is open")
         if self._session is None:
             origin = self.memory.newest(Origin)  # as others remember it
@@ -251,12 +251,15 @@ class Robot(DeviceAgent):
             elif isinstance(event, LinkLost):
                 self._orders.moving = False
                 self._line()
-                if self._known.connections in (0, *TOLD):
+                if self._known.connections in (0, *LOGGED_ATTEMPTS):
                     self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
                 if event.reset and self.stopped is None:
                     # Its motors are off then; opening it again switches them on.
                     self.latch(Hand.RESET)
-            elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
+            elif (
+                isinstance(event, Unanswered)
+                and event.attempts in LOGGED_ATTEMPTS[event.streaming :]
+            ):
                 self._line()
                 hint = event.hint or f"{_HINTS[event.streaming]}?"
                 self.log(
@@ -276,14 +279,16 @@ class Robot(DeviceAgent):
         self._touch.begin()
         self._obedience.begin()
         self._known.connections += 1
-        if self._known.connections in TOLD:
-            self.log(f"connected to {_told(event)} on {self.p.port}")
+        if self._known.connections in LOGGED_ATTEMPTS:
+            self.log(f"connected to {_names_of(event)} on {self.p.port}")
         self._known.name = "".join(filter(str.isprintable, event.name))[:LABEL]
         self._described, self._known.unfit, self._known.refusals = 0, "", 0
         named = (event.name, event.class_name.casefold(), event.subclass.casefold())
         before, self._known.named = self._known.named or named, named
         if before[0] and before != named:
-            self.log(f"it was {_told(Connected(*before))} before: is it the same robot?", WARNING)
+            self.log(
+                f"it was {_names_of(Connected(*before))} before: is it the same robot?", WARNING
+            )
         if before[1:] != named[1:] and self.stopped is None:
             self.latch(Hand.EXCHANGED)
 
@@ -292,8 +297,8 @@ class Robot(DeviceAgent):
         self._orders.moving = False
         self._known.refusals += 1
         why = self._kind.unfit(self.profile, event)
-        self._known.unfit = f"{_told(event)} on {self.p.port} is not driven: {why}"
-        if self._known.refusals in TOLD:
+        self._known.unfit = f"{_names_of(event)} on {self.p.port} is not driven: {why}"
+        if self._known.refusals in LOGGED_ATTEMPTS:
             self.log(self._known.unfit, ERROR, LogEvent.UNFIT)
 
     def _catch_up(self) -> None:
@@ -328,8 +333,8 @@ class Robot(DeviceAgent):
         self.tenure += 1
         v, w = self._orders.measured = report.v, report.w
         ordered = self._orders.driven
-        self._feel(report)
-        self._heed_hands(report)
+        self._check_touch(report)
+        self._check_hands(report)
         self._check_obedience(report, ordered)
         self.publish(
             RobotState(
@@ -341,7 +346,7 @@ class Robot(DeviceAgent):
                 w=w,
                 battery_v=report.battery_v,
                 motors=report.motors,
-                stalled=self._touch.felt,
+                stalled=self._touch.touching,
                 stop=self.memory.newest(Stop) or Stop(),
                 touch=self._touched(),
                 line=self._line(),
@@ -353,8 +358,8 @@ class Robot(DeviceAgent):
             self.publish(self.description())
         self._described += 1
         self._perceive(cycle, report)
-        self._heed(report)
-        self._insist(v, w)
+        self._apply_reflex(report)
+        self._repeat_stop(v, w)
 
     def _line(self) -> Line:
         """The counts of invalid data on the line; new ones are logged at a limited rate."""
@@ -368,10 +373,10 @@ class Robot(DeviceAgent):
     def card(self) -> Card:
         """The card without the messages of sensors that this robot lacks."""
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
-        said = super().card()
-        provides = tuple(key for key in said.provides if key not in none)
+        card = super().card()
+        provides = tuple(key for key in card.provides if key not in none)
         doubts = line("; ".join(self._known.differs))
-        return replace(said, provides=provides, fault=line(self._known.unfit), doubts=doubts)
+        return replace(card, provides=provides, fault=line(self._known.unfit), doubts=doubts)
 
     @property
     def _top(self) -> float:
@@ -402,7 +407,7 @@ class Robot(DeviceAgent):
             nearest=0.0 if ring is None else ring.min_m,
         )
 
-    def _heed_hands(self, report: Reported) -> None:
+    def _check_hands(self, report: Reported) -> None:
         """Latch the stop when a person at the robot stops it.
 
         Motors that come back must not drive off at once: that takes a deliberate release. A release
@@ -423,7 +428,7 @@ class Robot(DeviceAgent):
     def _check_obedience(self, report: Reported, ordered: tuple[float, float]) -> None:
         """Stop a robot that disobeys, by all means, until a person releases it."""
         assert self._session is not None
-        if not self._obedience.judge(report, ordered, self.now, held=self._touch.felt):
+        if not self._obedience.update(report, ordered, self.now, held=self._touch.touching):
             return
         self.log(f"{self._obedience.fault}: emergency stop", ERROR)
         if self.stopped is None:
@@ -431,10 +436,10 @@ class Robot(DeviceAgent):
         self._session.emergency_stop()
         self._send()
 
-    def _feel(self, report: Reported) -> None:
+    def _check_touch(self, report: Reported) -> None:
         """Stop at a collision; the next holder continues."""
         v, w = self._orders.driven
-        if self._touch.feel(report, self._orders.driven, self.now):
+        if self._touch.update(report, self._orders.driven, self.now):
             self.rest(WHEELS)
             where = _SIDES[self._touch.side]
             text = f"touched something {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
@@ -446,11 +451,11 @@ class Robot(DeviceAgent):
     def _touched(self) -> Point | None:
         """Where it touches an obstacle: the middle of an edge, since the place is unknown."""
         body, touch = self.profile.body, self._touch
-        if not touch.felt or touch.side == 0:
+        if not touch.touching or touch.side == 0:
             return None
         return Point(body.front_m if touch.side > 0 else -body.rear_m, 0.0)
 
-    def _insist(self, v: float, w: float) -> None:
+    def _repeat_stop(self, v: float, w: float) -> None:
         """Command the stop again while the wheels still turn: it may have been lost on the line.
 
         A pulse would only feed the watchdog of a controller that continues with the old speeds.
@@ -468,10 +473,10 @@ class Robot(DeviceAgent):
                 self.publish(message)
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
-        if readings.scan is not None and self._gaps.update(readings.scan) and self._gaps.told:
-            self.log(self._gaps.told, WARNING)
+        if readings.scan is not None and self._gaps.update(readings.scan) and self._gaps.reason:
+            self.log(self._gaps.reason, WARNING)
 
-    def _heed(self, report: Reported) -> None:
+    def _apply_reflex(self, report: Reported) -> None:
         """Slow down for obstacles sensed ahead in this cycle, at any command."""
         pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
         self._reflex.update(
@@ -539,7 +544,7 @@ class Robot(DeviceAgent):
         return "" if ready else self._known.unfit or "the controller does not answer"
 
 
-def _told(event: Connected | Unfit) -> str:
+def _names_of(event: Connected | Unfit) -> str:
     """A controller by its own names, for the log."""
     kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
     return f"{event.name or 'a controller without a name'} ({kind})"

@@ -31,7 +31,7 @@ def watched(
 
 @pytest.mark.parametrize("v", [0.0, 0.4, 0.7])
 @pytest.mark.parametrize("speed", [0.5, 1.0])
-def test_who_comes_is_where_it_will_be_soon(speed: float, v: float) -> None:
+def test_an_approaching_object_is_put_where_it_will_be_soon(speed: float, v: float) -> None:
     ((x, y),) = watched(speed, v).points()
     measured = AHEAD + 2.0 - 0.64 * (speed + v)
     assert x == pytest.approx(measured - AHEAD_S * speed)
@@ -39,7 +39,7 @@ def test_who_comes_is_where_it_will_be_soon(speed: float, v: float) -> None:
 
 
 @pytest.mark.parametrize("v", [0.0, 0.4, 0.7])
-def test_what_stands_does_not_come_nor_who_goes_away(v: float) -> None:
+def test_standing_and_receding_objects_do_not_approach(v: float) -> None:
     assert not watched(0.0, v).points()
     assert not watched(-0.5, v).points()
 
@@ -48,13 +48,13 @@ def test_what_the_map_has_does_not_come() -> None:
     assert not watched(0.6, mapped=True).points()
 
 
-def test_nobody_is_put_inside_of_the_body() -> None:
+def test_no_approaching_object_is_put_inside_the_footprint() -> None:
     ((x, y),) = watched(1.0, start=0.9, bearing=radians(-10.0)).points()
     assert BODY.beside(x, y) >= 0.0
     assert hypot(x, y) < inf
 
 
-def test_an_echo_that_was_lost_in_between_tells_nothing() -> None:
+def test_a_lost_echo_in_between_means_no_speed() -> None:
     approaching = Approaching()
     approaching.update([Ping(AHEAD, 0.0, 0.0, 2.0)], PING_S, (0.0, 0.0, 0.0), [False], BODY)
     approaching.update([Ping(AHEAD, 0.0, 0.0, None)], PING_S, (0.0, 0.0, 0.0), [False], BODY)

@@ -77,7 +77,7 @@ class Robot(Alone):
     x=metres,
     y=metres,
 )
-def test_no_lie_makes_it_unable_to_say_a_pose(
+def test_no_invalid_input_stops_its_pose(
     lies: list[tuple[Origin, Correction, RobotState]], x: float, y: float
 ) -> None:
     robot = Robot()
@@ -208,7 +208,7 @@ def test_both_may_restart_in_either_order(first: str, zeroes: bool) -> None:
     assert pose(after) == pytest.approx(pose(stood), abs=1e-9)
 
 
-def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
+def test_without_a_remembered_origin_the_parameters_count() -> None:
     """The odometry begins where the controller's is; before, its zero was put there."""
     robot = Robot(x=1.0)
     robot.moved(0.0, 0.0, 0.0)
@@ -217,7 +217,7 @@ def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
     assert pose(robot.moved(2.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
+def test_a_late_agent_waits_a_while_for_the_origin() -> None:
     robot = Robot(x=5.0)
     for _ in range(YOUNG_EPOCH_CYCLES):
         robot.moved(1.0, 0, 0)
@@ -230,7 +230,7 @@ def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
-def test_who_comes_late_and_is_told_nothing_begins_by_itself() -> None:
+def test_a_late_agent_without_an_origin_begins_by_itself() -> None:
     robot = Robot(x=5.0)
     robot.number = YOUNG_EPOCH_CYCLES
     for _ in range(WAIT_CYCLES):
@@ -238,7 +238,7 @@ def test_who_comes_late_and_is_told_nothing_begins_by_itself() -> None:
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
-def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is() -> None:
+def test_the_origin_is_published_at_once_and_each_second_with_the_odometry() -> None:
     robot = Robot(x=1.0)
     cycles = 4 * ORIGIN_CYCLES
     for number in range(cycles):
@@ -295,7 +295,7 @@ def test_a_correction_moves_the_pose_by_steps_and_gets_there(
     assert before == pytest.approx(there, abs=1e-6)
 
 
-def test_a_pose_that_is_wrong_altogether_is_corrected_at_once_and_said() -> None:
+def test_a_pose_with_a_large_error_is_corrected_at_once_and_logged() -> None:
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
@@ -335,7 +335,7 @@ def test_a_correction_of_another_epoch_moves_nothing() -> None:
     assert pose(robot.moved(0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
 
 
-def test_without_corrections_nobody_knows_how_far_off_it_is_and_after_one_it_grows() -> None:
+def test_without_corrections_the_covariance_is_unknown_and_after_one_it_grows() -> None:
     robot = Robot()
     assert robot.moved(0.0, 0.0, 0.0).covariance == ()
     assert robot.moved(0.0, 0.0, 0.0).deviation == 0.0
@@ -368,7 +368,7 @@ def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_s
 
 
 @pytest.mark.parametrize(("at", "off"), [(0.0, 0.5), (2.0, 0.0)])
-def test_what_a_controller_that_begins_anew_has_not_counted_is_said(at: float, off: float) -> None:
+def test_what_a_reset_odometry_has_not_counted_widens_the_covariance(at: float, off: float) -> None:
     robot = Robot()
     robot.moved(2.0, 0.0, 0.0)
     correct(robot, (0.0, 0.0, 0.0))
@@ -407,7 +407,7 @@ def test_an_encoder_agent_that_restarts_remembers_a_loss_or_a_leap_of_just_now(x
     assert after.covariance == pytest.approx(before.covariance)
 
 
-def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
+def test_an_initial_pose_counts_at_once_and_is_remembered() -> None:
     robot = Robot(1.0, 2.0)
     robot.moved(0.5, 0.0, 0.0)
     wrong = Correction(Cycle(1, 2), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
@@ -422,7 +422,7 @@ def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
     assert robot.origin().counter > 1
 
 
-def test_a_robot_that_drives_stays_where_it_is_whatever_people_said_before() -> None:
+def test_a_moving_robot_ignores_an_initial_pose() -> None:
     robot = Robot(1.0, 2.0)
     robot.moved(0.5, 0.0, 0.0, v=0.4)
     robot.give(InitialPose(7.0, 3.0, pi / 2))
@@ -430,7 +430,7 @@ def test_a_robot_that_drives_stays_where_it_is_whatever_people_said_before() -> 
     assert (pose.x, pose.y) == pytest.approx((1.0, 2.0))
 
 
-def test_a_correction_from_before_people_said_where_it_stands_changes_nothing() -> None:
+def test_a_correction_from_before_the_initial_pose_changes_nothing() -> None:
     robot = Robot(1.0, 2.0)
     for _ in range(5):
         robot.moved(0.5, 0.0, 0.0)

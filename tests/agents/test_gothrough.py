@@ -45,7 +45,7 @@ def test_its_utility_is_3_7_of_half_the_distance_between_the_sides(
     assert made.bid.utility == pytest.approx(utility)
 
 
-def test_it_says_nothing_without_a_goal_nor_where_it_is_not_narrow() -> None:
+def test_it_does_not_bid_without_a_goal_nor_where_it_is_not_narrow() -> None:
     for made, points, why in (
         (stage(None), between(0.4), "no goal"),
         (stage(), [], "not between two things"),

@@ -39,13 +39,13 @@ def utility_at(made: Alone, x: float, y: float) -> float | None:
     return made.bid.utility
 
 
-def test_without_a_goal_it_says_nothing() -> None:
+def test_without_a_goal_it_publishes_nothing() -> None:
     made = stage(None)
     assert made.cycle() == []
     assert made.bid.reason == "no goal"
 
 
-def test_a_mission_that_waits_is_not_driven_and_who_holds_lets_go() -> None:
+def test_a_waiting_mission_is_not_driven_and_the_holder_releases() -> None:
     made = stage()
     made.holding()
     made.give(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 1, waits=True))
@@ -148,7 +148,7 @@ def test_at_the_goal_it_commands_rest(mode: str) -> None:
     assert speeds(commands(made.holding())[-1]) == (0.0, 0.0)
 
 
-def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
+def test_the_same_mission_again_changes_nothing_a_new_one_does() -> None:
     made = stage()
     assert utility_at(made, 4.0, 0.1) == 0.6  # the corner is passed
     made.give(ROUND_A_CORNER)
@@ -157,7 +157,7 @@ def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
     assert utility_at(made, 4.0, 2.9) == 0.6
 
 
-def test_who_did_not_see_a_waypoint_passed_is_told_by_the_same_mission() -> None:
+def test_the_repeated_mission_has_the_waypoints_passed() -> None:
     made = stage()
     assert utility_at(made, 0.5, 0.0) == 0.6
     assert utility_at(made, 3.7, 2.95) == 0.6  # it hung, and was led aside: it is on no leg
@@ -166,7 +166,7 @@ def test_who_did_not_see_a_waypoint_passed_is_told_by_the_same_mission() -> None
     assert made.bid.reason == "leg 1"
 
 
-def test_who_comes_late_goes_on_where_the_run_is() -> None:
+def test_a_late_agent_continues_where_the_run_is() -> None:
     late = Trajectory(1, 1, ROUND_A_CORNER.waypoints, Point(0.0, 0.0), 1)
     assert utility_at(stage(late), 4.0, 2.9) == 1.0
 

@@ -37,7 +37,7 @@ def known(one: FleetPose) -> KnownRobots:
     return robots
 
 
-def test_a_robot_is_expected_where_it_says() -> None:
+def test_a_robot_is_expected_where_it_reports() -> None:
     points = known(report(1.0)).points(HERE, SURE, 0.0)
     assert min(p.x for p in points) == pytest.approx(1.0 - 0.23, abs=1e-3)
     assert max(p.x for p in points) == pytest.approx(1.0 + 0.21, abs=1e-3)
@@ -77,7 +77,7 @@ def test_it_is_wider_by_what_both_poses_may_be_off() -> None:
     assert max(p.y for p in lost) == pytest.approx(0.165 + WIDEST_M, abs=1e-3)
 
 
-def test_who_is_far_or_has_said_nothing_for_long_is_not_expected() -> None:
+def test_a_far_robot_or_a_stale_report_is_not_expected() -> None:
     assert not known(report(REACH_M + 1.0)).points(HERE, SURE, 0.0)
     robots = known(report(1.0))
     assert robots.points(HERE, SURE, STALE_S - 0.1)
@@ -92,7 +92,7 @@ def test_one_is_not_in_ones_own_way() -> None:
 
 
 @pytest.mark.parametrize("deviation", [0.02, 0.0])
-def test_behaviours_are_shown_another_robot_that_no_sonar_has_heard(deviation: float) -> None:
+def test_behaviours_receive_another_robot_that_no_sonar_has_detected(deviation: float) -> None:
     """Also where the pose has no covariance, as that of ideal sensors."""
     ring = Ring(Parameters(namespace="lab/r1"))
     ring.ping(pose=HERE, deviation=deviation)

@@ -115,7 +115,7 @@ def off(obstacles: Obstacles | None, walls: list[Wall], pose: Pose2 = HERE) -> l
     return found
 
 
-def test_what_is_seen_is_where_it_is_and_few_points_say_so() -> None:
+def test_what_is_seen_is_represented_by_few_points() -> None:
     found = Robot([*BOX, *ROOM]).cycle()
     assert found is not None
     assert found.sensor == "laser"
@@ -152,7 +152,7 @@ def test_what_is_passed_is_remembered_behind_until_it_fades_with_the_way() -> No
     assert not behind.points
 
 
-def test_what_is_gone_when_it_is_looked_at_again_is_gone() -> None:
+def test_an_obstacle_that_a_later_scan_does_not_see_is_dropped() -> None:
     robot = Robot([*BOX, *ROOM])
     near = robot.cycle()
     assert near is not None
@@ -168,7 +168,7 @@ def test_what_is_gone_when_it_is_looked_at_again_is_gone() -> None:
     assert hypot(back.closest.x, back.closest.y) > 2.5
 
 
-def test_what_is_hidden_by_somebody_is_remembered_and_not_what_is_seen_through() -> None:
+def test_hidden_points_are_remembered_and_points_seen_through_are_not() -> None:
     person = [(0.8, -0.2, 0.8, 0.2)]
     robot = Robot(ROOM)
     robot.cycle()
@@ -185,7 +185,7 @@ def test_what_is_hidden_by_somebody_is_remembered_and_not_what_is_seen_through()
     )
 
 
-def test_rays_that_find_nothing_doubt_slowly_and_those_without_a_range_not_at_all() -> None:
+def test_rays_without_a_return_clear_slowly_and_invalid_ones_not_at_all() -> None:
     robot = Robot(BOX)
     robot.cycle()
     rays = LASER.rays
@@ -205,7 +205,7 @@ def test_rays_that_find_nothing_doubt_slowly_and_those_without_a_range_not_at_al
 
 
 @pytest.mark.parametrize("bad", [nan, 0.0, -1.0, 0.1])
-def test_a_laser_that_is_blind_publishes_nothing_and_says_so_once(bad: float) -> None:
+def test_a_blind_laser_publishes_nothing_and_is_reported_once(bad: float) -> None:
     robot = Robot(ROOM)
     assert robot.cycle() is not None
     logs = []
@@ -264,7 +264,7 @@ def test_what_touches_is_an_obstacle_where_nothing_is_seen() -> None:
     assert any(p.x == pytest.approx(0.25) for p in found.points)
 
 
-def test_walls_of_the_map_are_expected_where_the_laser_cannot_tell() -> None:
+def test_walls_of_the_map_are_expected_where_the_laser_sees_nothing() -> None:
     parameters = Parameters(world="sc2")
     laser = replace(LASER, angle_min_deg=-60.0, angle_max_deg=60.0)
     wall = [(5.0, -1.28, 5.0, 1.28)]
@@ -290,7 +290,7 @@ def test_walls_of_the_map_are_expected_where_the_laser_cannot_tell() -> None:
     assert any(p.x == pytest.approx(1.0, abs=0.05) for p in glass.points), "dark, or glass"
 
 
-def test_what_came_of_looking_is_told_by_both_rays_beside_a_place() -> None:
+def test_both_rays_beside_a_place_give_the_result() -> None:
     near = ScanMap()
     ranges = [2.0, 2.0, 1.0, inf, inf, nan, 2.0]
     near.update(message_of(Cycle(1, 1), ranges, (-0.3, 0.1), (0.1, 5.0), HERE))

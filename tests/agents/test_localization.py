@@ -142,14 +142,14 @@ def test_a_wall_that_is_square_to_a_beam_beside_its_axis_is_the_echo() -> None:
 
 
 @pytest.mark.parametrize("off", [18.0, 25.0])
-def test_a_mirror_is_heard_square_to_it_outside_of_the_cone_too(off: float) -> None:
+def test_a_smooth_wall_answers_at_its_foot_outside_the_cone_too(off: float) -> None:
     """The wall ahead is 3.0 m away, and 3.2 or 3.3 m along the axis."""
     turned = (3.0, 1.5, radians(off))
     assert one(turned, 3.0) > 2.0 * one(turned, 3.0 / cos(radians(off)))
 
 
 @pytest.mark.parametrize(("range_m", "received"), [(1.0, True), (1.5, False)])
-def test_a_corner_is_heard_where_it_is(range_m: float, received: bool) -> None:
+def test_a_corner_answers_where_it_is(range_m: float, received: bool) -> None:
     """That of (6, 0), by who looks along the diagonal: both walls are 45 degrees off."""
     away = range_m / 2**0.5
     assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == received
@@ -157,7 +157,7 @@ def test_a_corner_is_heard_where_it_is(range_m: float, received: bool) -> None:
 
 @pytest.mark.parametrize("y", [3.85, 3.7, 3.6])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_who_comes_through_a_door_hears_the_rooms_far_corners(y: float, side: float) -> None:
+def test_in_a_doorway_the_far_corners_of_the_room_answer(y: float, side: float) -> None:
     """They are the last of all that is in sight there, and all there is if the wall ahead is dead.
 
     Robots were lost in that door: nothing that they heard was on the map.
@@ -169,13 +169,13 @@ def test_who_comes_through_a_door_hears_the_rooms_far_corners(y: float, side: fl
     assert model.likelihood(pose, [echo])[0, 0] > 0.4
 
 
-def test_what_a_nearer_wall_hides_is_not_heard() -> None:
+def test_a_wall_behind_a_nearer_one_does_not_answer() -> None:
     """From the arm of the L, the outer wall at y = 4 is behind the one at y = 3."""
     assert one((1.5, 1.5, pi / 2), 1.5) > 0.5
     assert one((1.5, 1.5, pi / 2), 2.5) < 0.1
 
 
-def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is_behind() -> None:
+def test_the_likeliest_reflectors_are_kept_and_hide_those_behind() -> None:
     """Looked at one by one, beside all at once."""
     rng = np.random.default_rng(9001)
     made = reflectors.of_walls(GRID.walls)
@@ -343,7 +343,7 @@ def test_they_find_a_robot_of_which_nothing_is_known() -> None:
     assert followed[-1][1].share > 0.9
 
 
-def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> None:
+def test_readings_of_a_kidnapped_robot_favour_its_true_place() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     before = follow(particles, START, 200)[-1][1]
@@ -363,7 +363,7 @@ def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> No
     assert np.array_equal(particles.poses, poses)
 
 
-def test_where_it_is_nothing_speaks_for_another_place() -> None:
+def test_at_the_true_place_no_reading_favours_another() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     _, found = follow(particles, START, 200)[-1]
@@ -393,7 +393,7 @@ def test_the_same_seed_gives_the_same_particles() -> None:
     assert np.array_equal(*poses)
 
 
-def test_a_robot_that_stands_hears_the_same_again_and_learns_nothing() -> None:
+def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
     particles = filtered()
     particles.start_at(START, 0.3, 0.2)
     particles.weigh(ring(START))
@@ -413,14 +413,14 @@ def test_no_readings_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
-def test_an_echo_from_far_beyond_the_map_ends_nobody(echo: Echo) -> None:
+def test_an_echo_from_far_beyond_the_map_is_no_error(echo: Echo) -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     particles.weigh([echo])
     assert np.isfinite(particles.weights).all()
 
 
-def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
+def test_drawing_a_sample_is_by_weight_and_changes_nothing() -> None:
     looked, alone = filtered(), filtered()
     for particles in (looked, alone):
         particles.start_anywhere()
@@ -458,7 +458,7 @@ def lost(
 
 
 @pytest.mark.parametrize("turn_error", [0.0, 0.04, -0.04])
-def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: float) -> None:
+def test_one_search_with_all_readings_finds_it_on_the_whole_map(turn_error: float) -> None:
     particles = lost(WALLS, 130, turn_error)
     search = searched(particles)
     best, *others = search.places
@@ -471,7 +471,7 @@ def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: flo
     assert off(pose, particles.estimate())[0] < 0.15  # and there the particles are
 
 
-def test_rooms_that_are_alike_share_what_is_believed() -> None:
+def test_similar_rooms_share_the_weight() -> None:
     particles = lost([*WALLS, *((x1 + 8, y1, x2 + 8, y2) for x1, y1, x2, y2 in WALLS)], 150)
     first, second, *_ = searched(particles).places
     assert abs(abs(first.pose[0] - second.pose[0]) - 8.0) < 0.3
@@ -491,7 +491,7 @@ def test_of_rooms_that_are_alike_the_one_where_it_was_is_likelier_and_no_other_p
     assert elsewhere.share < 0.05
 
 
-def test_where_all_that_it_hears_is_excused_nothing_fits() -> None:
+def test_where_all_readings_are_excused_no_place_fits() -> None:
     """Else a robot that is carried from a hall into a closet would be found in the hall."""
     x1, y1, x2, y2 = bounds = (-8.0, -8.0, 14.0, 12.0)
     hall = [(x1, y1, x2, y1), (x2, y1, x2, y2), (x2, y2, x1, y2), (x1, y2, x1, y1)]
@@ -594,7 +594,7 @@ def placed(correction: Correction, odometry: Pose2) -> Pose2:
     return compose((correction.x, correction.y, correction.theta), odometry)
 
 
-def test_it_says_where_the_odometry_begins_by_the_map(world: str) -> None:
+def test_it_estimates_the_odometrys_origin_by_the_map(world: str) -> None:
     robot = Robot(Parameters(world=world))
     begin = relative((0.0, 0.0, 0.0), START)
     for pose, motion in drive(START, 400, drift=0.03):
@@ -639,7 +639,7 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
     assert made == [1] * 10
 
 
-def test_a_robot_that_stands_is_said_to_be_where_it_was(world: str) -> None:
+def test_a_robot_at_rest_has_a_constant_estimate(world: str) -> None:
     """Word for word, so that whoever works on it has nothing new; once the estimate has settled."""
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 20):
@@ -666,7 +666,7 @@ def test_twice_a_second_some_particles_are_published_about_where_it_is(world: st
     assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
 
 
-def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> None:
+def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     confidences = []
     for pose, motion in drive(START, 600):
@@ -679,7 +679,7 @@ def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> N
     assert any(isinstance(said, Log) and "is found" in said.text for said in robot.said)
 
 
-def test_it_is_looked_for_where_names_are_and_elsewhere_only_if_it_began_there() -> None:
+def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there() -> None:
     robot = Robot(Parameters(world="surveillance", start="anywhere"))
     void = (6.0, 8.0, 0.0)  # between two wings of the building
     robot.at((1.5, 2.0, 0.0), (0.0, 0.0, 0.0), (1.5, 2.0, 0.0))
@@ -720,7 +720,7 @@ def found(robot: Robot, cycles: int) -> list[float]:
     return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in said if one.confidence]
 
 
-def test_nobody_drives_fast_by_a_place_that_has_just_been_found(world: str) -> None:
+def test_a_place_just_found_limits_the_speed(world: str) -> None:
     unsure = found(Robot(Parameters(world=world, start="anywhere")), 350)
     assert unsure[0] >= Parameters().unproved_m
     assert max(unsure) < LOST_M
@@ -745,7 +745,7 @@ def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     assert any("fit better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
 
 
-def test_who_stands_before_half_of_the_sonars_does_not_lose_it(world: str) -> None:
+def test_a_person_before_half_of_the_sonars_does_not_make_it_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for number, (pose, motion) in enumerate(drive(START, 300)):
         robot.stands = number >= 100
@@ -892,7 +892,7 @@ def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
     assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in requested)
 
 
-def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
+def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Relocate then turns it; it used to stand for half a minute."""
@@ -904,7 +904,7 @@ def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
     assert deviation(published[40]) < LOST_M < deviation(published[-1])
 
 
-def test_it_doubts_until_nothing_speaks_for_another_place(
+def test_it_is_suspicious_until_no_reading_favours_another_place(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = doubting(world, monkeypatch, other(3.0, 0.6), None)
@@ -913,7 +913,7 @@ def test_it_doubts_until_nothing_speaks_for_another_place(
     assert not doubts[-1]
 
 
-def test_doubt_is_published_until_the_robot_is_found(
+def test_suspicion_is_published_until_the_robot_is_found(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = doubting(world, monkeypatch, *[other(SURE, 0.6)] * SONARS.verdicts, None)
@@ -923,7 +923,7 @@ def test_doubt_is_published_until_the_robot_is_found(
     assert True not in doubts[doubts.index(False, doubts.index(True)) :]
 
 
-def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
+def test_mere_uncertainty_is_not_published_as_a_kidnapping(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     found(robot, 250)
     said = [one for one in robot.said if isinstance(one, Correction)]
@@ -945,7 +945,7 @@ def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
         assert bool(refused) != room
 
 
-def test_wheels_that_are_worse_than_the_profile_says_are_reported(world: str) -> None:
+def test_wheels_worse_than_in_the_profile_are_reported(world: str) -> None:
     for drift, worn in ((0.02, False), (0.2, True)):
         robot = Robot(Parameters(world=world), seed=0)
         for pose, motion in drive(START, 400, drift=drift):
@@ -1010,7 +1010,7 @@ def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_i
     assert robot.agent._search is None
 
 
-def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str) -> None:
+def test_an_uncertain_initial_heading_spreads_the_particles(world: str) -> None:
     """The encoder agent says that half a radian was not counted; so it is for who starts then."""
     off = 0.5
     covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
@@ -1053,7 +1053,7 @@ def test_what_is_published_can_be_sent_however_far_off_the_odometry_is(
 # A laser ------------------------------------------------------------------------------------------
 
 
-def test_a_laser_may_sit_and_look_anywhere_and_a_scan_that_is_repeated_counts_once(
+def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "laser.map"
@@ -1189,7 +1189,7 @@ def test_a_map_without_walls_or_room_is_no_error(walls: list[tuple[float, ...]])
 
 
 @pytest.mark.parametrize("kind", [Localization, PathPlanning, Relocate])
-def test_a_world_that_nobody_has_memory_for_is_refused(kind: type[Agent], tmp_path: Path) -> None:
+def test_a_world_too_large_for_memory_is_rejected(kind: type[Agent], tmp_path: Path) -> None:
     path = tmp_path / "huge.map"
     path.write_text(
         "2D-Map\nLineMinPos: 0 0\nLineMaxPos: 2000000 2000000\nLINES\n0 0 2000000 2000000\n"

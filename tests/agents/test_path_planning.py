@@ -35,7 +35,7 @@ def ask(planner: PathPlanning, start: Waypoint, goal: Waypoint) -> Plan:
     return answer.message
 
 
-def test_a_way_through_the_doors_ends_on_the_goal_and_says_what_it_costs(
+def test_a_path_through_the_doors_ends_on_the_goal_with_its_cost(
     planner: PathPlanning,
 ) -> None:
     plan = ask(planner, START, GOAL)
@@ -134,7 +134,7 @@ def doors(planner: PathPlanning) -> str:
     return said[-1] if said else next(o.message.refusal for o in out if isinstance(o, Answer))
 
 
-def test_it_plans_round_a_door_that_is_seen_shut_and_says_why_it_was_asked(
+def test_it_plans_round_a_closed_door_and_logs_the_reason(
     two_doors: PathPlanning,
 ) -> None:
     assert "through near" in doors(two_doors)
@@ -142,7 +142,7 @@ def test_it_plans_round_a_door_that_is_seen_shut_and_says_why_it_was_asked(
     assert re.search("through far, .*: no nearer", doors(two_doors))
 
 
-def test_where_there_is_no_other_way_it_says_which_door_is_shut(
+def test_without_another_path_it_names_the_closed_door(
     two_doors: PathPlanning, tmp_path: Path
 ) -> None:
     lines = [line for line in TWO_DOORS.splitlines() if '"far"' not in line]
@@ -159,7 +159,7 @@ def test_once_the_door_is_seen_open_the_way_leads_through_it_again(two_doors: Pa
     assert "through near" in doors(two_doors)
 
 
-def test_what_nobody_looks_at_is_forgotten(two_doors: PathPlanning) -> None:
+def test_points_that_no_sensor_covers_fade(two_doors: PathPlanning) -> None:
     look(two_doors, DOOR)
     two_doors.receive(RobotState(Cycle(1, 400), 0, 0, 0, 0, 0, 12, True, False), 40.0)
     assert "through near" in doors(two_doors)
@@ -170,7 +170,7 @@ def test_where_the_pose_is_unsure_nothing_is_put_down(two_doors: PathPlanning) -
     assert "through near" in doors(two_doors)
 
 
-def test_what_the_robot_touched_is_planned_round_though_no_sonar_hears_it(
+def test_a_collision_is_planned_round_though_no_sonar_detects_it(
     two_doors: PathPlanning,
 ) -> None:
     near_door = Pose(Cycle(1, 1), 4.25, 3.0, 0.0)

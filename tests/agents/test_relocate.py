@@ -99,7 +99,7 @@ def test_backwards_too() -> None:
     assert back == pytest.approx(-cap_at(0.99 * LOST_M))
 
 
-def test_who_holds_lets_go_when_the_robot_is_lost() -> None:
+def test_the_holder_releases_when_the_robot_is_lost() -> None:
     made = stage(Goto(Identity("goto-1")), 0.0)
     made.holding()
     made.off_m = 2.0 * LOST_M
@@ -113,7 +113,7 @@ def test_relocate_drives_only_a_robot_that_is_lost() -> None:
     assert made.bid.reason == "the pose is known"
 
 
-def test_without_a_mission_nobody_drives_a_lost_robot() -> None:
+def test_without_a_mission_no_agent_drives_a_lost_robot() -> None:
     made = Alone(Relocate(Identity("relocate-1")))
     made.off_m = 2.0
     made.state()
@@ -130,7 +130,7 @@ def test_the_more_uncertain_the_pose_the_more_it_bids() -> None:
     assert bids[-1] == 1.0
 
 
-def test_it_looks_around_and_then_drives_on() -> None:
+def test_it_turns_once_and_then_drives_on() -> None:
     made = lost()
     made.holding()
     assert speeds(commands(made.published)[-1]) == (0.0, Parameters().w)
@@ -155,7 +155,7 @@ def test_where_it_cannot_drive_on_it_turns_to_the_freer_side() -> None:
     assert w > 0.0
 
 
-def test_not_found_in_time_it_stands_and_says_so() -> None:
+def test_not_found_in_time_it_stands_and_logs_it() -> None:
     made = lost(give_up_s=5.0)
     made.holding()
     for _ in range(60):
@@ -207,7 +207,7 @@ def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() 
     assert speeds(commands(made.published)[-1])[0] > 0.1
 
 
-def test_when_it_no_longer_answers_it_looks_elsewhere() -> None:
+def test_without_an_echo_ahead_any_more_it_turns() -> None:
     made = looked_around(answers=True)
     made.speed = (0.25, 0.0)
     for _ in range(round(10 * Parameters().silent_s) + 3):
@@ -237,7 +237,7 @@ def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: floa
     assert (v == Parameters().v) == (heard_m > 1.0)
 
 
-def test_on_a_way_that_tells_places_apart_too_it_creeps_where_nothing_answers(world: str) -> None:
+def test_on_a_leg_that_tells_places_apart_it_creeps_without_an_echo(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
     distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     made.speed = (0.25, 0.0)

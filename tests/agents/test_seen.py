@@ -32,7 +32,7 @@ def looked(*distances: float | None, seen: Seen | None = None, at: Placed = HERE
     return seen
 
 
-def test_one_echo_may_be_anybody_s_and_two_are_something() -> None:
+def test_one_echo_may_be_a_persons_and_two_are_an_obstacle() -> None:
     assert looked(1.0).points(0.0) == ()
     ((x, y, *_),) = looked(1.0, 1.0).points(0.0)
     assert (x, y) == (3.0, 2.0)
@@ -62,7 +62,7 @@ def test_beyond_the_world_and_beyond_the_reach_nothing_is_put_down() -> None:
     assert seen.points(0.0) == ()
 
 
-def test_a_person_who_walks_past_is_soon_nothing_and_what_stands_there_is_remembered() -> None:
+def test_a_passing_person_is_soon_dropped_and_a_standing_object_remembered() -> None:
     passed, stood = looked(1.0, 1.0), looked(*[1.0] * 30)
     assert passed.points(0.0)
     assert not passed.points(7.0)
@@ -70,7 +70,7 @@ def test_a_person_who_walks_past_is_soon_nothing_and_what_stands_there_is_rememb
     assert not stood.points(35.0)
 
 
-def test_a_ping_that_goes_past_it_doubts_it_and_one_beside_it_does_not() -> None:
+def test_a_ping_through_it_lowers_its_evidence_and_one_beside_it_does_not() -> None:
     stood = looked(*[1.0] * 30)
     for _ in range(30):
         stood.add(HERE, ahead(2.5, 0.5), 0.0, 0.0)
@@ -79,7 +79,7 @@ def test_a_ping_that_goes_past_it_doubts_it_and_one_beside_it_does_not() -> None
     assert not stood.points(0.0)
 
 
-def test_silence_doubts_it_too_but_slowly() -> None:
+def test_silence_lowers_its_evidence_too_but_slowly() -> None:
     stood = looked(*[0.8] * 30)
     looked(*[None] * 7, seen=stood)
     assert stood.points(0.0)
@@ -142,7 +142,7 @@ def test_what_is_hidden_or_behind_the_laser_is_remembered() -> None:
     assert any(abs(x - 4.0) < 0.01 for x, *_ in seen.points(0.0))
 
 
-def test_a_ray_without_a_valid_range_says_nothing() -> None:
+def test_an_invalid_ray_changes_nothing() -> None:
     seen = scanned(*NOWHERE[:4], 1.0, *NOWHERE[:4])
     for _ in range(10):
         scanned(*[float("nan")] * 9, seen=seen)
@@ -169,7 +169,7 @@ def test_a_laser_may_turn_either_way(step: float) -> None:
     assert seen.points(0.0) == ()
 
 
-def test_what_stands_between_the_last_ray_of_a_turn_and_the_first_is_looked_through() -> None:
+def test_points_between_the_last_and_first_ray_of_a_turn_are_cleared() -> None:
     seen, ranges = Seen(None), [float("inf")] * 63
     seen.add_scan(HERE, scan(1.0, *ranges[1:], bearing=0.0, step=tau / 63), 0.0, 0.0)
     for _ in range(3):

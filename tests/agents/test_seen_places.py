@@ -138,7 +138,7 @@ def test_a_robot_with_a_laser_knows_where_it_is_to_centimetres() -> None:
     assert said.covariance[0] + said.covariance[3] < 0.05**2
 
 
-def test_one_that_is_put_down_elsewhere_is_found_there() -> None:
+def test_a_kidnapped_robot_is_found() -> None:
     society = Society(JACKAL)
     for _ in range(20):
         society.cycle()
@@ -155,7 +155,7 @@ def test_one_that_is_put_down_elsewhere_is_found_there() -> None:
     assert found, f"after {step} cycles"
 
 
-def test_one_that_stands_where_it_was_put_down_doubts_it_too() -> None:
+def test_a_kidnapped_robot_at_rest_is_suspicious_too() -> None:
     society = Society(JACKAL)
     for _ in range(20):
         society.cycle()
@@ -198,7 +198,7 @@ def test_a_large_map_takes_cells_of_its_own_size(monkeypatch: pytest.MonkeyPatch
     assert fits(model, [START], beams_of(scan_at(sees, START)))[0] > np.log(0.8)
 
 
-def test_the_pose_that_it_says_is_the_odometrys_origin() -> None:
+def test_its_correction_is_the_odometrys_origin() -> None:
     society = Society(JACKAL)
     said = society.cycle()
     assert said is not None

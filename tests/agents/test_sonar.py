@@ -76,7 +76,7 @@ def polar(distance: float, bearing: float) -> Point:
 
 
 @pytest.mark.parametrize("cycle_s", [0.05, 0.1])
-def test_one_that_has_just_started_says_nothing_until_it_has_looked_round(cycle_s: float) -> None:
+def test_after_a_start_it_publishes_nothing_for_one_turn_of_the_ring(cycle_s: float) -> None:
     agent = SonarAgent(Identity("sonar-2"))
     agent.receive(replace(described(), cycle_s=cycle_s), 0.0)
     cycles, said = round(START_S / cycle_s), []
@@ -90,7 +90,7 @@ def test_one_that_has_just_started_says_nothing_until_it_has_looked_round(cycle_
     assert said_for == [cycles, cycles + 1]
 
 
-def test_before_the_robot_is_described_it_says_nothing() -> None:
+def test_before_the_robot_is_described_it_publishes_nothing() -> None:
     agent, said = SonarAgent(Identity("sonar-2")), []
     for number in range(1, 13):
         if number == 11:
@@ -192,7 +192,7 @@ def test_what_is_touched_behind_is_behind(ring: Ring) -> None:
     assert sum(p.x > 0.21 for p in found.points) == sum(p.x < -0.23 for p in found.points) == 3
 
 
-def test_what_the_robot_touches_is_an_obstacle_though_nobody_hears_it(ring: Ring) -> None:
+def test_a_collision_is_an_obstacle_though_no_sonar_detects_it(ring: Ring) -> None:
     found = ring.ping((AHEAD, None), touch=0.21)
     assert found.points
     assert all(p.x > 0.21 and abs(p.y) < 0.165 for p in found.points)
@@ -202,7 +202,7 @@ def test_what_the_robot_touches_is_an_obstacle_though_nobody_hears_it(ring: Ring
     assert behind.points
 
 
-def test_a_wall_of_the_map_is_there_before_it_was_heard_if_the_pose_is_known() -> None:
+def test_a_wall_of_the_map_is_expected_before_an_echo_if_the_pose_is_known() -> None:
     for pose, deviation, known in (
         ((4.2, 0.0, 0.0), 0.02, True),
         ((4.2, 0.0, 0.0), 0.6, False),  # lost
@@ -228,7 +228,7 @@ def test_the_walls_are_where_the_robot_is_now_and_not_where_its_last_pose_was() 
 
 
 @pytest.mark.parametrize("lost", [None, 1.0])
-def test_a_robot_that_gets_lost_is_for_a_while_where_its_wheels_say(lost: float | None) -> None:
+def test_a_lost_robot_is_for_a_while_where_its_odometry_has_it(lost: float | None) -> None:
     ring = Ring(MAPPED)
     ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
     told = None if lost is None else (-7.0, 3.0, 1.0)
@@ -271,7 +271,7 @@ def test_that_lasts_no_longer_than_odometry_can_be_trusted() -> None:
     assert found.points == ()
 
 
-def test_a_correction_of_the_pose_moves_the_maps_walls_and_not_what_was_heard() -> None:
+def test_a_pose_correction_moves_the_maps_walls_and_not_sensed_points() -> None:
     ring = Ring(MAPPED)
     for _ in range(2):
         ring.ping((radians(90), 0.5), pose=(4.2, 0.0, 0.0))
@@ -283,7 +283,7 @@ def test_a_correction_of_the_pose_moves_the_maps_walls_and_not_what_was_heard() 
     assert all(x == pytest.approx(0.7, abs=0.03) for x in ahead)
 
 
-def test_what_the_map_has_shut_and_the_sonars_hear_through_is_open() -> None:
+def test_a_wall_that_echoes_pass_is_open() -> None:
     ring = Ring(MAPPED)
     for _ in range(4):
         found = ring.ping((0.0, 2.4), pose=(4.2, 0.0, 0.0))
@@ -308,7 +308,7 @@ def test_the_end_of_a_wall_does_not_stand_in_the_way_beside_it() -> None:
 
 
 @pytest.mark.parametrize(("away", "put"), [(0.28, True), (1.0, False)])
-def test_an_echo_from_close_by_is_put_where_it_was_heard_whatever_wall_it_is_of(
+def test_a_near_echo_is_put_where_it_was_measured_whatever_wall_explains_it(
     away: float, put: bool
 ) -> None:
     ring = Ring(MAPPED)
@@ -336,7 +336,7 @@ def test_what_was_touched_and_is_on_no_map_goes_on() -> None:
         assert any(p.x == pytest.approx(0.25) and p.y == 0.0 for p in points) == stays
 
 
-def test_who_comes_is_put_where_it_will_be_soon_too() -> None:
+def test_an_approaching_object_is_also_put_where_it_will_be() -> None:
     for speed, comes in ((0.6, True), (0.0, False)):
         ring = Ring(MAPPED)
         ring.agent._pings = ring.agent._cycles  # one a cycle, as here

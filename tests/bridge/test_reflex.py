@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.bridge.reflex import KEPT_S, SAY_S, TOUCH_M, Reflex
+from armadico.bridge.reflex import KEPT_S, REPORT_S, TOUCH_M, Reflex
 from armadico.core.cycles import LISTEN
 from armadico.mobile.messages import Echo
 from tests.bridge.kit import PROFILE
@@ -33,7 +33,7 @@ def hears(*echoes: Echo, measured: tuple[float, float] = (0.0, 0.0), now: float 
 
 
 @given(st.floats(0.1, 5.0), st.floats(0.0, 1.6))
-def test_what_it_lets_pass_can_be_stopped_before_what_it_hears(away: float, v: float) -> None:
+def test_speeds_it_allows_can_be_stopped_before_an_obstacle(away: float, v: float) -> None:
     capped = hears(echo(away)).cap(v, 0.0)
     assert 0.0 <= capped <= v
     free = AHEAD.x_m + away * cos(radians(AHEAD.bearing_deg)) - FRONT
@@ -64,7 +64,7 @@ def test_what_lies_on_the_present_arc_counts_whatever_is_commanded() -> None:
 
 @pytest.mark.parametrize(("index", "to"), [(1, 1.0), (6, -1.0)], ids=["left", "right"])
 @pytest.mark.parametrize("pose", [ORIGIN, (2.0, -1.0, 2.5)], ids=str)
-def test_what_is_heard_aside_slows_a_turn_to_that_side_and_no_other(
+def test_an_obstacle_aside_slows_a_turn_to_that_side_only(
     index: int, to: float, pose: tuple[float, float, float]
 ) -> None:
     """It is where it was heard, on the left or on the right, wherever the robot is in the world."""
@@ -101,14 +101,14 @@ def test_a_reading_is_moved_along_replaced_by_the_next_and_kept_no_longer_than_i
     assert old.cap(1.0, 0.0) == 1.0
 
 
-def test_it_says_what_it_did_but_seldom() -> None:
+def test_it_reports_its_caps_at_a_limited_rate() -> None:
     reflex = hears(echo(0.3))
     assert reflex.complaint(0.0) is None
     reflex.cap(0.9, 0.0)
     assert reflex.complaint(0.0) == "1 x slowed for what is ahead, last from 0.90 to 0.42 m/s"
     reflex.cap(0.9, 0.0)
-    assert reflex.complaint(0.5 * SAY_S) is None
-    assert reflex.complaint(SAY_S) is not None
+    assert reflex.complaint(0.5 * REPORT_S) is None
+    assert reflex.complaint(REPORT_S) is not None
     assert reflex.complaint(inf) is None
 
 

@@ -61,13 +61,13 @@ def ready() -> Bench:
     return Bench().connect().cycles(LISTEN + 2)
 
 
-def test_who_does_not_answer_is_told_ever_more_rarely(bench: Bench) -> None:
+def test_a_silent_controller_is_logged_ever_more_rarely(bench: Bench) -> None:
     bench.plug()
     bench.let_pass(30.0)
     assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
 
 
-def test_a_name_of_control_characters_reaches_nobody(bench: Bench) -> None:
+def test_a_name_of_control_characters_is_not_published(bench: Bench) -> None:
     bench.plug()
     bench.answer(SYNC0, encode(b"\x02Rob\x1b[2J\n\0Pioneer\x07\0\xff\0"))
     assert bench.logs()[-1].isprintable()
@@ -191,7 +191,7 @@ def test_of_a_subclass_with_factors_of_its_own_those_count() -> None:
 
 
 @pytest.mark.parametrize("hangs_up", [True, False])
-def test_where_nothing_follows_the_handshake_it_tries_and_tells_ever_more_rarely(
+def test_without_status_packets_it_retries_and_logs_ever_more_rarely(
     bench: Bench, hangs_up: bool
 ) -> None:
     bench.plug()
@@ -301,7 +301,7 @@ def test_a_status_packet_becomes_state_and_echoes_in_si_units(ready: Bench) -> N
     assert ahead.range is None  # nothing within reach
 
 
-def test_a_cycle_in_which_no_sonar_fired_brings_none_and_it_says_so_once(ready: Bench) -> None:
+def test_a_cycle_without_a_ping_has_no_echoes_and_is_reported_once(ready: Bench) -> None:
     before = sum(isinstance(m, Sonar) for _, m in ready.said)
     cycles = sum(isinstance(m, RobotState) for _, m in ready.said)
     for _ in range(9):
@@ -448,7 +448,7 @@ HANDS = [
 
 
 @pytest.mark.parametrize(("hand", "by"), HANDS, ids=["motors", "STOP", "both"])
-def test_who_switches_the_motors_off_at_the_robot_latches_the_stop(
+def test_switching_the_motors_off_at_the_robot_latches_the_stop(
     ready: Bench, hand: dict[str, object], by: str
 ) -> None:
     ready.command(0.3)
@@ -516,7 +516,7 @@ def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> N
     assert bench.sent(Cmd.ENABLE), "they were asked for first"
 
 
-def test_motors_that_a_stall_has_cut_nobody_has_switched_off(ready: Bench) -> None:
+def test_motors_cut_by_a_stall_do_not_latch_the_stop(ready: Bench) -> None:
     for _ in range(3):
         assert not ready.status(motors_enabled=False, left_stall=True).stop.stopped
     assert not ready.status().stop.stopped
@@ -575,7 +575,7 @@ def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
 
 
 @pytest.mark.parametrize(("cycles", "ahead"), [(1, True), (8, False)])
-def test_who_backs_off_and_stalls_at_once_touches_what_it_drove_into(
+def test_a_robot_that_stalls_while_backing_touches_what_it_drove_into(
     ready: Bench, cycles: int, ahead: bool
 ) -> None:
     """Or it would take what is ahead for something behind, and back off no more."""
@@ -587,7 +587,7 @@ def test_who_backs_off_and_stalls_at_once_touches_what_it_drove_into(
     assert (state.touch.x > 0.0) is ahead
 
 
-def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) -> None:
+def test_a_rear_bumper_counts_and_a_stuck_one_does_not(bench: Bench) -> None:
     bench.connect()
     for _ in range(LISTEN + 2):
         assert not bench.status(rear_bumpers=2).stalled
@@ -635,7 +635,7 @@ def test_a_robot_that_runs_up_turns_round_and_brakes_touches_nothing(
         assert not ready.status(left_m_s=v - w * half, right_m_s=v + w * half).stalled
 
 
-def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: Bench) -> None:
+def test_invalid_data_is_counted_published_and_logged_at_a_limited_rate(ready: Bench) -> None:
     assert ready.state().line == Line()
     good = encode(encode_status(AT_REST, PROFILE.p2os))
     for _ in range(150):
@@ -653,7 +653,7 @@ def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: 
     assert ready.state().v == 0.0, "and what is absurd is not believed"
 
 
-def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Bench) -> None:
+def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) -> None:
     """Each costs messages to everybody, and the stop has to wait for them."""
     before = sum(isinstance(m, RobotState) for _, m in ready.said)
     ready.command(0.3)
@@ -677,7 +677,7 @@ def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Be
 # The watchdog, the port ----------------------------------------------------------------------
 
 
-def test_with_nothing_to_say_it_feeds_the_watchdog(ready: Bench) -> None:
+def test_without_commands_it_feeds_the_watchdog(ready: Bench) -> None:
     ready.let_pass(1.0, statuses=True)  # CONFIG and ENABLE are repeated as long
     began = ready.now
     ready.let_pass(3.0, statuses=True)
@@ -712,7 +712,7 @@ def driven(ready: Bench) -> RobotState:
     return before
 
 
-def test_a_port_that_is_not_there_yet_is_waited_for_and_only_said_to_be_gone_later() -> None:
+def test_a_missing_port_is_waited_for_and_reported_only_later() -> None:
     bench = Bench()
     bench.unplug()
     bench.let_pass(PATIENCE_S - 1.0)
@@ -775,7 +775,7 @@ def test_odometry_that_has_wrapped_is_unwrapped_by_what_others_remember(bench: B
 
 
 @pytest.mark.parametrize("far", [1e6, 2e5, 1e5])
-def test_wherever_others_remember_it_to_be_it_can_say_its_odometry(far: float) -> None:
+def test_any_remembered_odometry_can_be_published(far: float) -> None:
     bench = Bench()
     try:
         bench.hand(checked(Origin(7, 1, 99, 0.0, 0.0, 0.0, far, -far, 0.0)))
@@ -821,7 +821,7 @@ def test_it_describes_itself_at_once_and_each_second(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("forwards", [1.0, -1.0])
-def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_says_the_limit(
+def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_publishes_the_limit(
     forwards: float,
 ) -> None:
     limited = Bench(v_max=0.4).connect().cycles(10)

@@ -95,7 +95,7 @@ def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
 
 
 def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(robot.Robot, "_insist", lambda self, left, right: None)
+    patch.setattr(robot.Robot, "_repeat_stop", lambda self, left, right: None)
     # The check of how the robot moves would order the stop again after a second.
     patch.setattr(robot.Robot, "_check_obedience", lambda self, report, ordered: None)
 

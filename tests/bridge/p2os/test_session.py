@@ -21,8 +21,8 @@ from armadico.bridge.p2os.handshake import (
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import (
-    ASK_TIMES,
     HANG_S,
+    MOST_REPEATS,
     Connected,
     Event,
     LinkLost,
@@ -94,7 +94,7 @@ def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session:
     ]
 
 
-def test_nothing_is_asked_of_a_robot_before_the_link_is_open(session: Session) -> None:
+def test_no_request_is_sent_before_the_link_is_open(session: Session) -> None:
     session.outgoing()
     session.drive(0.3, 0.0)
     session.pulse()
@@ -102,7 +102,7 @@ def test_nothing_is_asked_of_a_robot_before_the_link_is_open(session: Session) -
     assert (Cmd.VEL, 300) not in sent(opened(session))
 
 
-def test_an_answer_that_does_not_come_is_told_and_asked_for_again(session: Session) -> None:
+def test_a_missing_answer_is_reported_and_requested_again(session: Session) -> None:
     session.outgoing()
     assert session.next_wakeup == pytest.approx(ECHO_TIMEOUT_S)
     assert session.tick(ECHO_TIMEOUT_S) == [Unanswered("the echo of SYNC0", 1)]
@@ -127,17 +127,17 @@ def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
 
 def test_the_configuration_is_wanted_and_not_required(session: Session, profile: P2osRobot) -> None:
     opened(session)
-    asked = []
+    repeats = []
     for n in range(1, 31):
         events = session.receive(status(profile, motors_enabled=True), n / 10)
         assert isinstance(events[0], Reported)
         session.tick(n / 10)
-        asked += [number for number, _ in sent(session)]
-    assert asked == [Cmd.CONFIG] * ASK_TIMES
+        repeats += [number for number, _ in sent(session)]
+    assert repeats == [Cmd.CONFIG] * MOST_REPEATS
     assert session.is_open
 
 
-def test_a_configuration_that_comes_is_told_and_asked_for_no_more(session: Session) -> None:
+def test_a_received_configuration_is_reported_and_not_requested_again(session: Session) -> None:
     opened(session)
     wanted = Configuration(name="Rob", watchdog_s=2.0)
     (got,) = session.receive(encode(encode_configuration(wanted)), 0.05)
@@ -147,9 +147,7 @@ def test_a_configuration_that_comes_is_told_and_asked_for_no_more(session: Sessi
     assert Cmd.CONFIG not in [number for number, _ in sent(session)]
 
 
-def test_motors_that_somebody_switched_off_by_hand_stay_off(
-    session: Session, profile: P2osRobot
-) -> None:
+def test_motors_switched_off_by_hand_stay_off(session: Session, profile: P2osRobot) -> None:
     opened(session)
     session.receive(status(profile, motors_enabled=True), 0.1)
     for n in range(2, 40):
@@ -328,7 +326,7 @@ class FirstPacketIsSync:
 
 
 @pytest.mark.parametrize("first", [b"", SYNC0, SYNC0 + SYNC1, SYNC0 + SYNC1 + SYNC2])
-def test_who_takes_the_first_packet_for_a_sync_is_connected_to(
+def test_a_controller_that_takes_the_first_packet_for_a_sync_is_connected_to(
     session: Session, first: bytes
 ) -> None:
     """Whatever another client has left it in the middle of, on a line that tells nobody."""
@@ -343,7 +341,7 @@ def test_who_takes_the_first_packet_for_a_sync_is_connected_to(
     assert session.is_open
 
 
-def test_who_streams_and_never_answers_is_told_again_and_again(
+def test_a_controller_that_streams_and_never_answers_is_reported_repeatedly(
     session: Session, profile: P2osRobot
 ) -> None:
     """The wire from us to the robot is broken."""
@@ -355,7 +353,7 @@ def test_who_streams_and_never_answers_is_told_again_and_again(
     assert len(told) > 10
 
 
-def test_every_way_out_of_an_open_link_but_closing_tells_that_it_is_lost() -> None:
+def test_every_end_of_an_open_link_but_closing_reports_it_as_lost() -> None:
     for (state, signal), (_, actions) in TRANSITIONS.items():
         if state is State.OPEN and signal is not Signal.CLOSE:
             assert actions[0] is Action.LOSE
