@@ -1,4 +1,4 @@
-"""Which way tells places apart."""
+"""The leg that distinguishes places."""
 
 from __future__ import annotations
 

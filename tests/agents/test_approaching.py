@@ -1,4 +1,4 @@
-"""Who comes towards the robot is where it will be soon; what stands is not."""
+"""Approaching objects are put where they will be soon; standing ones are not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AHEAD = 0.15  # where the sonar sits
 def watched(
     speed: float, v: float = 0.0, bearing: float = 0.0, *, mapped: bool = False, start: float = 2.0
 ) -> Approaching:
-    """Somebody comes along a sonar's axis while the robot drives ahead; it looks each 0.32 s."""
+    """A person approaches along a sonar's axis while the robot drives; one ping each 0.32 s."""
     approaching = Approaching()
     for look in range(3):
         at = 8 * PING_S * look

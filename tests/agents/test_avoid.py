@@ -112,12 +112,12 @@ def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
 def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     made = stage(speed=0.3)
     made.holding(points=wall(0.6, -0.4, 0.4))
-    said = made.cycle()
-    assert [claim.utility for claim in claims(said)] == [0.0]
-    assert speeds(commands(said)[0])[0] > 0.0  # whoever takes over finds it rolling
+    messages = made.cycle()
+    assert [claim.utility for claim in claims(messages)] == [0.0]
+    assert speeds(commands(messages)[0])[0] > 0.0  # the next holder takes over a moving robot
     for _ in range(4):
-        said += made.cycle()
-    assert claims(said)[-1].utility is None
+        messages += made.cycle()
+    assert claims(messages)[-1].utility is None
     assert not made.agent.holds(WHEELS)
     assert made.cycle() == []
 

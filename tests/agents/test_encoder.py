@@ -1,4 +1,4 @@
-"""The encoder agent's pose: in the world, and continuous whoever restarts."""
+"""The encoder agent's pose: in the world, and continuous across restarts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Place = tuple[float, float, float]
 
 
 class Robot(Alone):
-    """Says where its odometry has got to, cycle by cycle."""
+    """Publishes its odometry in each cycle."""
 
     def __init__(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
         self.parameters = Parameters(x=x, y=y, theta=theta)
@@ -49,8 +49,8 @@ class Robot(Alone):
 
     def moved(self, x: float, y: float, theta: float, v: float = 0.0) -> Pose:
         self.odometry, self.speed = (x, y, theta), (v, 0.0)
-        said = self.state()
-        self.poses = [message for message in said if isinstance(message, Pose)]
+        messages = self.state()
+        self.poses = [message for message in messages if isinstance(message, Pose)]
         assert all(found.cycle == self.at for found in self.poses)
         return self.poses[0] if self.poses else Pose(self.at, nan, nan, nan)
 
@@ -58,13 +58,13 @@ class Robot(Alone):
         return self.last(Origin)
 
     def restart(self) -> None:
-        """Another robot agent; a new epoch is believed when the one before was silent."""
+        """Another robot agent; a new epoch counts once the one before is silent."""
         self.epoch += 1
         self.number = 0
         self.now += 1.0
 
     def restart_encoder(self, *, remembered: bool = True) -> None:
-        """Another encoder agent; those who remember the origin give it back."""
+        """Another encoder agent; other agents return the origin."""
         known = self.origin()
         self.agent = self.new_encoder()
         if remembered:
@@ -121,7 +121,7 @@ def test_headings_stay_in_one_turn() -> None:
 def test_a_robot_agent_whose_controller_counts_on_does_not_move_the_robot(
     begins: Place, before: Place, goes: Place
 ) -> None:
-    """However often it restarts: odometry that goes on is the robot's way."""
+    """At any number of restarts: continuous odometry is the robot's motion."""
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
     robot.moved(*begins)
     stood = robot.moved(*before)
@@ -224,8 +224,8 @@ def test_a_late_agent_waits_a_while_for_the_origin() -> None:
     known = robot.origin()
     robot.restart_encoder(remembered=False)
     robot.agent.start(robot.now)
-    said = [robot.moved(1.0, 0, 0) for _ in range(WAIT_CYCLES)]
-    assert all(isnan(pose.x) for pose in said)
+    messages = [robot.moved(1.0, 0, 0) for _ in range(WAIT_CYCLES)]
+    assert all(isnan(pose.x) for pose in messages)
     robot.give(known)
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
@@ -243,13 +243,15 @@ def test_the_origin_is_published_at_once_and_each_second_with_the_odometry() -> 
     cycles = 4 * ORIGIN_CYCLES
     for number in range(cycles):
         robot.moved(0.01 * number, 0.0, 0.0)
-    said = [message for message in robot.published if isinstance(message, Origin)]
-    assert len(said) == 1 + cycles // ORIGIN_CYCLES
-    assert [origin.counter for origin in said] == sorted({origin.counter for origin in said})
-    assert {(origin.x, origin.y, origin.theta, origin.by) for origin in said} == {
-        (1.0, 0.0, 0.0, said[0].by)
+    messages = [message for message in robot.published if isinstance(message, Origin)]
+    assert len(messages) == 1 + cycles // ORIGIN_CYCLES
+    assert [origin.counter for origin in messages] == sorted(
+        {origin.counter for origin in messages}
+    )
+    assert {(origin.x, origin.y, origin.theta, origin.by) for origin in messages} == {
+        (1.0, 0.0, 0.0, messages[0].by)
     }
-    assert said[-1].at_x == pytest.approx(0.01 * (cycles - 1))
+    assert messages[-1].at_x == pytest.approx(0.01 * (cycles - 1))
 
 
 def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -> None:
@@ -300,7 +302,7 @@ def test_a_pose_with_a_large_error_is_corrected_at_once_and_logged() -> None:
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
     assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
-    assert any(isinstance(said, Log) and "5.00 m" in said.text for said in robot.published)
+    assert any(isinstance(message, Log) and "5.00 m" in message.text for message in robot.published)
 
 
 def test_a_guess_without_confidence_moves_nothing_and_is_no_secret() -> None:
@@ -391,7 +393,7 @@ def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
 
 @pytest.mark.parametrize("x", [0.1, 5.0])
 def test_an_encoder_agent_that_restarts_remembers_a_loss_or_a_leap_of_just_now(x: float) -> None:
-    """Both were forgotten for up to a second: the localization agent then began at a wrong pose."""
+    """Otherwise, for up to a second, the localization agent would start at a wrong pose."""
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (0.0, 0.0, 0.0))

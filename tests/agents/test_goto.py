@@ -74,8 +74,8 @@ def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding()
     made.give(Trajectory(2, 1, ()))
-    said = made.cycle()
-    assert [c.action for c in commands(said)] == [None]
+    messages = made.cycle()
+    assert [c.action for c in commands(messages)] == [None]
     assert made.cycle() == []
 
 
@@ -127,7 +127,7 @@ def test_a_scenarios_speed_limit_holds(mode: str) -> None:
 
 
 def test_by_sight_it_can_stop_within_what_it_sees_of_its_way() -> None:
-    """The way bends round a row of things 0.6 m ahead: nobody knows what is behind them."""
+    """The way bends round a row of things 0.6 m ahead: what is behind them is hidden."""
     row = tuple(Point(0.9, 0.45 + 0.05 * k) for k in range(20))
     fastest = {}
     for sight in (None, 2.5):
@@ -196,16 +196,18 @@ def test_it_takes_the_robots_size_limits_and_ramps_from_its_description() -> Non
     slow = replace(described(), v_max=0.2, v_accel=1.0)
     posts = [Point(0.5, 0.3), Point(0.5, -0.3)]
 
-    def wish(said: Description, *points: Point) -> float:
+    def desired(description: Description, *points: Point) -> float:
         made = stage(drive_to((8.0, 0.0, 0.0)))
-        made.give(said)
+        made.give(description)
         made.speed = (0.35, 0.0)
         made.cycle(points=points)
         return made.bid.wanted[0]
 
-    assert wish(described()) == wish(described(), *posts) == wish(wide) == pytest.approx(0.38)
-    assert wish(wide, *posts) == 0.0
-    assert wish(slow) == pytest.approx(0.2)
+    assert (
+        desired(described()) == desired(described(), *posts) == desired(wide) == pytest.approx(0.38)
+    )
+    assert desired(wide, *posts) == 0.0
+    assert desired(slow) == pytest.approx(0.2)
 
 
 def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> None:

@@ -99,7 +99,7 @@ def test_the_same_question_has_the_same_answer() -> None:
 def test_over_blocks_a_way_is_found_where_there_is_one_however_the_walls_lie(
     costs: Field, data: st.DataObject
 ) -> None:
-    """Walls one cell wide are no walls to blocks: then the exact search is asked."""
+    """Walls one cell wide are no walls to blocks: then the exact search decides."""
     cell = st.tuples(*(st.integers(0, size - 1) for size in costs.shape))
     start, goal = data.draw(cell), data.draw(cell)
     exact, found = search(costs, start, goal), search_far(costs, start, goal)

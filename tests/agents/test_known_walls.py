@@ -1,4 +1,4 @@
-"""The map's walls are expected near a robot that knows where it is, until it hears through them."""
+"""The map's walls are expected near a localized robot, until echoes pass through them."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
 
 
 def test_a_forbidden_area_is_expected_whatever_answers_behind_it() -> None:
-    """Stairs: no sonar hears them, and what is beyond them answers."""
+    """Stairs: they return no echo, and what is beyond them does."""
     known = KnownWalls([], forbidden=[WALL])
     for _ in range(20):
         known.on_pose(HERE, sure(0.0))
@@ -83,7 +83,7 @@ def test_a_forbidden_area_is_expected_whatever_answers_behind_it() -> None:
 
 
 def test_what_is_forbidden_is_expected_by_a_robot_that_is_lost_too() -> None:
-    """It is mostly where its wheels say; a wall it would hear, or feel, and stairs it would not."""
+    """It is mostly where its odometry has it; sensors detect a wall in time, and stairs not."""
     known = KnownWalls([(-1.0, -2.0, -1.0, 2.0)], forbidden=[WALL])
     for covariance, old in ((sure(2.0), False), (sure(0.01), True)):
         known.on_pose(HERE, covariance, old=old)
@@ -212,7 +212,7 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
         (0.0, 1.0, True),
         (radians(30.0), 1.0, True),  # by the wall's foot, outside of the cone
         (radians(65.0), 1.0, False),
-        (0.0, 0.7, False),  # somebody before it
+        (0.0, 0.7, False),  # a person in front of it
         (0.0, 1.3, False),
         (pi, 1.0, False),
         (0.0, None, False),
@@ -268,7 +268,7 @@ MAY = 0.06  # m that the pose may be off
 
 
 def beyond_corner(wall: float, *measured: float) -> float:
-    """How far a wall to the right is beyond the circle of the body, m, heard from so far or not."""
+    """Distance of a wall to the right beyond the footprint's circle, m, measured or not."""
     known = KnownWalls([(-2.0, -wall, 2.0, -wall)])
     known.on_pose(HERE, sure(sqrt(2.0) * MAY))
     for away in measured:
@@ -285,7 +285,7 @@ def test_a_wall_beside_the_circle_of_the_body_is_where_the_map_has_it(away: floa
 
 
 def test_a_wall_measured_farther_away_counts_only_outside_that_circle() -> None:
-    """A dead one is not heard: it was its edge."""
+    """An absorbing wall returns no echo: it was from its edge."""
     assert beyond_corner(CORNER + 0.02, CORNER + 0.06) == pytest.approx(0.02, abs=0.004)
     assert beyond_corner(CORNER + 0.2, CORNER + 0.24) == pytest.approx(0.24, abs=0.004)
 
@@ -309,7 +309,7 @@ OFF = 0.08  # m that the pose may be off
 
 
 def along(known: KnownWalls, turned: float = 0.0) -> None:
-    """It believes that it drives along a wall 0.4 m to its left, and comes nearer to that."""
+    """By its pose it drives along a wall 0.4 m to its left, and in truth approaches it."""
     for step in range(5):
         x = 0.1 * step
         known.on_pose((x, 0.0, 0.0), sure(OFF))
@@ -347,7 +347,7 @@ def test_another_wall_does_not_go_on_as_this_one() -> None:
 
 
 def test_the_end_of_a_wall_is_not_extrapolated() -> None:
-    """Heard at a slant, it may be longer than on the map, or nearer."""
+    """Measured at a slant, it may be longer than on the map, or nearer."""
     known = KnownWalls([(0.8, 0.4, 2.0, 0.4)])
     known.on_pose((0.4, 0.0, 0.0), sure(OFF))
     assert explains(known, Ping(0.0, 0.0, pi / 4, 0.5))

@@ -89,9 +89,9 @@ class Robot:
             covariance = (each, 0.0, 0.0, each, 0.0, 1e-4)
             self.agent.receive(Pose(cycle, *self.pose, covariance), self.now)
         self.agent.receive(self.scan(ranges), self.now)
-        said = [o for o in self.out() if isinstance(o.message, Obstacles)]
-        assert all(o.key == "laser/obstacles" for o in said)
-        return said[0].message if said else None  # type: ignore[return-value]
+        messages = [o for o in self.out() if isinstance(o.message, Obstacles)]
+        assert all(o.key == "laser/obstacles" for o in messages)
+        return messages[0].message if messages else None  # type: ignore[return-value]
 
     def out(self) -> list[Publish]:
         out, self.agent.outbox = self.agent.outbox, []

@@ -50,7 +50,7 @@ motions = st.lists(
 
 
 def hit(x: float, y: float) -> Ping:
-    """An echo from a point, as heard from the middle of the axle."""
+    """An echo from a point, received at the middle of the axle."""
     return Ping(0.0, 0.0, math.atan2(y, x), math.hypot(x, y))
 
 
@@ -213,7 +213,7 @@ def test_expected_points_count_as_sensed_ones_until_they_are_not_expected() -> N
 
 
 def test_from_nearer_a_ping_may_miss_what_a_wider_cone_hit() -> None:
-    """Heard from 1 m it is 26 cm to either side; from 0.3 m the cone is 8 cm to either side."""
+    """From 1 m it is 26 cm to either side; from 0.3 m the cone is 8 cm to either side."""
     near, far = mapped((1.0, 0.0)), mapped((1.0, 0.0))
     near.move(Placed(0.7, 0.0))
     for _ in range(3):
@@ -286,7 +286,7 @@ def test_every_point_is_on_the_map_outside_the_robot_and_apart_from_the_others_o
 
 
 def test_points_that_no_sonar_faces_are_kept() -> None:
-    """Three seconds on the way round something, at a walking pace, and it has been heard once."""
+    """Three seconds on the way round something, at a walking pace, with one echo."""
     local = LocalMap(outline=BODY)
     local.update([Ping(0.0, 0.0, 0.2, 1.6)])
     for _ in range(30):
@@ -306,7 +306,7 @@ def test_behind_it_is_remembered_for_seconds_but_not_for_ever() -> None:
 
 
 def test_memory_fades_with_the_way_and_not_only_with_time() -> None:
-    """There and back: the point ends where it was, and is believed less."""
+    """There and back: the point ends where it was, with a lower probability."""
     local = mapped((1.0, 0.2))
     local.move(HALF)
     for step in (0.1, -0.1) * 15:
@@ -361,7 +361,7 @@ def test_of_two_points_that_meet_in_a_cell_the_surer_stays() -> None:
 
 
 def test_the_end_of_a_wall_is_at_its_last_echo_not_at_its_first() -> None:
-    """Abeam the wall is heard, then its end 11 cm farther on: a corner turns into what lacks.
+    """Abeam the wall answers, then its end 11 cm farther on: a corner turns into what lacks.
 
     Seed 2051: one point alone was known, and the body came to 1 cm from the end.
     """

@@ -150,7 +150,7 @@ def test_a_smooth_wall_answers_at_its_foot_outside_the_cone_too(off: float) -> N
 
 @pytest.mark.parametrize(("range_m", "received"), [(1.0, True), (1.5, False)])
 def test_a_corner_answers_where_it_is(range_m: float, received: bool) -> None:
-    """That of (6, 0), by who looks along the diagonal: both walls are 45 degrees off."""
+    """That of (6, 0), seen along the diagonal: both walls are 45 degrees off."""
     away = range_m / 2**0.5
     assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == received
 
@@ -160,7 +160,7 @@ def test_a_corner_answers_where_it_is(range_m: float, received: bool) -> None:
 def test_in_a_doorway_the_far_corners_of_the_room_answer(y: float, side: float) -> None:
     """They are the last of all that is in sight there, and all there is if the wall ahead is dead.
 
-    Robots were lost in that door: nothing that they heard was on the map.
+    Robots were lost in that door: no echo was from the map.
     """
     world = load_world("surveillance")  # its room R1, from 4 to 8 and from 0 to 4 m
     model = SonarModel(Grid(world.walls, world.bounds))
@@ -241,7 +241,7 @@ def test_a_robot_beyond_the_map_is_no_error() -> None:
 
 
 def drive(start: Pose2, cycles: int, drift: float = 0.0) -> Iterator[tuple[Pose2, Pose2]]:
-    """A square with round corners: the true pose, and the motion that the odometry tells."""
+    """A square with round corners: the true pose, and the motion by the odometry."""
     pose = start
     for cycle in range(cycles):
         turn = 0.05 if cycle % 60 >= 28 else 0.0
@@ -353,12 +353,12 @@ def test_readings_of_a_kidnapped_robot_favour_its_true_place() -> None:
     poses = particles.poses.copy()
     other = alternative(particles, after.pose)
     assert other is not None
-    # Some places fit alike: which one it is told is chance, that it is not here is not.
+    # Some places fit alike: which one is found is chance, that it is another is not.
     assert hypot(other.pose[0] - after.pose[0], other.pose[1] - after.pose[1]) > 0.5
     assert other.odds > 10.0
     assert other.fit > 1.5 * other.stay_fit
     assert other.readings <= particles.history.new_readings - 3, (
-        "what was heard before it was lifted is not of it"
+        "readings from before the kidnapping are excluded"
     )
     assert np.array_equal(particles.poses, poses)
 
@@ -442,7 +442,7 @@ def lost(
     turn_error: float = 0.0,
     bounds: tuple[float, float, float, float] = (0.0, 0.0, 16.0, 4.0),
 ) -> MonteCarlo:
-    """It has no idea, and drives in the L; its wheels tell turns that are too long."""
+    """Lost, and driving in the L; its odometry overestimates turns."""
     grid = Grid([tuple(wall) for wall in walls], bounds)  # type: ignore[misc]
     rows, columns = np.nonzero(grid.clearance > 0.2)
     places = np.column_stack([grid.xs[columns], grid.ys[rows]])
@@ -557,9 +557,9 @@ class Robot:
         self.agent.start(0.0)
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
-        self.stands = False  # somebody half a metre before the sonars that look to the right
+        self.stands = False  # a person 0.5 m in front of the sonars on the right
         self.deaf = False  # nothing answers
-        self.said: list[Message] = []
+        self.published: list[Message] = []
 
     def restart(self, motion: Pose2, *, anew: bool = False) -> None:
         """Another robot agent; meanwhile the robot rolled on, and was counted, or not."""
@@ -584,10 +584,10 @@ class Robot:
             pings = tuple(replace(p, range=None) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
-        said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
+        published = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
         self.agent.outbox.clear()
-        self.said += said
-        return [message for message in said if isinstance(message, Correction)]
+        self.published += published
+        return [message for message in published if isinstance(message, Correction)]
 
 
 def placed(correction: Correction, odometry: Pose2) -> Pose2:
@@ -618,7 +618,7 @@ def test_what_may_be_does_not_go_through_a_wall_that_does_not_answer(world: str)
     for _ in range(110):
         pose = compose(pose, motion)
         robot.at(pose, motion, pose)
-    places = poses_of([m for m in robot.said if isinstance(m, Particles)][-1])
+    places = poses_of([m for m in robot.published if isinstance(m, Particles)][-1])
     assert sum(y < 0.03 for _, y, _ in places) < 0.05 * len(places)
 
 
@@ -640,17 +640,19 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
 
 
 def test_a_robot_at_rest_has_a_constant_estimate(world: str) -> None:
-    """Word for word, so that whoever works on it has nothing new; once the estimate has settled."""
+    """Byte for byte, once the estimate has settled, so that receivers have no new input."""
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 20):
         robot.at(pose, motion, pose)
-    robot.said.clear()
+    robot.published.clear()
     for _ in range(12):
         robot.at(pose, (0.0, 0.0, 0.0), pose)
-    said = [replace(m, cycle=Cycle(0, 0)) for m in robot.said if isinstance(m, Correction)]
-    assert len(said) == 12
-    assert all(one == said[3] for one in said[3:])
-    shown = [m.packed for m in robot.said if isinstance(m, Particles)]
+    published = [
+        replace(m, cycle=Cycle(0, 0)) for m in robot.published if isinstance(m, Correction)
+    ]
+    assert len(published) == 12
+    assert all(one == published[3] for one in published[3:])
+    shown = [m.packed for m in robot.published if isinstance(m, Particles)]
     assert len(shown) > 1
     assert len(set(shown)) == 1
 
@@ -659,7 +661,7 @@ def test_twice_a_second_some_particles_are_published_about_where_it_is(world: st
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 31):
         robot.at(pose, motion, pose)
-    shown = [message for message in robot.said if isinstance(message, Particles)]
+    shown = [message for message in robot.published if isinstance(message, Particles)]
     assert [message.cycle.number for message in shown] == [1, 6, 11, 16, 21, 26, 31]
     poses = poses_of(shown[-1])
     assert len(poses) == MOST
@@ -676,7 +678,9 @@ def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> Non
             assert correction.covariance[0] >= 1.0
     assert confidences[0] == 0.0
     assert confidences[-1] > 0.9
-    assert any(isinstance(said, Log) and "is found" in said.text for said in robot.said)
+    assert any(
+        isinstance(message, Log) and "is found" in message.text for message in robot.published
+    )
 
 
 def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there() -> None:
@@ -700,7 +704,9 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
         for pose, motion in drive((1.0, 1.5, 2.0), 100)
     ]
     assert 0.0 in confidences
-    assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+    assert any(
+        isinstance(message, Log) and "is lost" in message.text for message in robot.published
+    )
 
 
 def test_it_is_found_where_it_was_carried_to(world: str) -> None:
@@ -716,8 +722,10 @@ def test_it_is_found_where_it_was_carried_to(world: str) -> None:
 
 def found(robot: Robot, cycles: int) -> list[float]:
     """How unsure it is of its place, from when it was found on, m."""
-    said = [robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)]
-    return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in said if one.confidence]
+    published = [
+        robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)
+    ]
+    return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in published if one.confidence]
 
 
 def test_a_place_just_found_limits_the_speed(world: str) -> None:
@@ -742,7 +750,9 @@ def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     monkeypatch.setattr(Search, "places", property(elsewhere))
     unsure = found(robot, 260)
     assert min(unsure) >= Parameters().unproved_m  # and never proved
-    assert any("fit better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
+    assert any(
+        "fit better at (0.50, 0.50)" in m.text for m in robot.published if isinstance(m, Log)
+    )
 
 
 def test_a_person_before_half_of_the_sonars_does_not_make_it_lost(world: str) -> None:
@@ -897,9 +907,9 @@ def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(
 ) -> None:
     """Relocate then turns it; it used to stand for half a minute."""
     robot = doubting(world, monkeypatch, other(3.0, 0.6))
-    while not (said := carried(robot, 1, (0.02, 0.0, 0.0))[0]).elsewhere:
+    while not (published := carried(robot, 1, (0.02, 0.0, 0.0))[0]).elsewhere:
         pass
-    assert deviation(said) < LOST_M
+    assert deviation(published) < LOST_M
     published = carried(robot, 80, (0.0, 0.0, 0.0))
     assert deviation(published[40]) < LOST_M < deviation(published[-1])
 
@@ -926,22 +936,25 @@ def test_suspicion_is_published_until_the_robot_is_found(
 def test_mere_uncertainty_is_not_published_as_a_kidnapping(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     found(robot, 250)
-    said = [one for one in robot.said if isinstance(one, Correction)]
-    assert said[0].confidence == 0.0
-    assert said[-1].confidence > 0.9
-    assert not any(one.elsewhere for one in said)
+    published = [one for one in robot.published if isinstance(one, Correction)]
+    assert published[0].confidence == 0.0
+    assert published[-1].confidence > 0.9
+    assert not any(one.elsewhere for one in published)
 
 
 def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
     robot = Robot(Parameters(world=world))
     robot.at(START, (0.0, 0.0, 0.0), START)
     for x, y, room in ((-20.0, 1.0, False), (4.5, 1.5, True), (5.95, 1.5, True)):
-        before, robot.said = placed(robot.at(START, (0.0, 0.0, 0.0), START)[-1], robot.odometry), []
+        before, robot.published = (
+            placed(robot.at(START, (0.0, 0.0, 0.0), START)[-1], robot.odometry),
+            [],
+        )
         robot.agent.receive(InitialPose(x, y, 0.0), robot.begun + 0.1 * robot.number)
         after = placed(robot.at((x, y, 0.0), (0.0, 0.0, 0.0), START)[-1], robot.odometry)
         assert (hypot(after[0] - x, after[1] - y) < 0.3) == room
         assert (hypot(after[0] - before[0], after[1] - before[1]) < 0.3) != room
-        refused = [m for m in robot.said if isinstance(m, Log) and "rejected" in m.text]
+        refused = [m for m in robot.published if isinstance(m, Log) and "rejected" in m.text]
         assert bool(refused) != room
 
 
@@ -953,7 +966,10 @@ def test_wheels_worse_than_in_the_profile_are_reported(world: str) -> None:
         card = robot.agent.card()
         assert card.learnt
         assert bool(card.doubts) == worn
-        assert any("odometry is worse" in m.text for m in robot.said if isinstance(m, Log)) == worn
+        assert (
+            any("odometry is worse" in m.text for m in robot.published if isinstance(m, Log))
+            == worn
+        )
 
 
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
@@ -992,8 +1008,8 @@ def test_what_was_not_counted_makes_a_lost_robot_no_surer_of_one_place(world: st
         (before,) = robot.at(START, (0.0, 0.0, 0.0), START)
     robot.restart((0.0, 0.0, 0.0), anew=True)
     (after,) = robot.at(START, (0.0, 0.0, 0.0), START)
-    spreads = [said.covariance[0] + said.covariance[3] for said in (before, after)]
-    assert min(spreads) > 2.5, "more than the least that one who is lost says"
+    spreads = [message.covariance[0] + message.covariance[3] for message in (before, after)]
+    assert min(spreads) > 2.5, "more than the least of a lost robot"
     assert spreads[1] > 0.7 * spreads[0]
 
 
@@ -1011,7 +1027,7 @@ def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_i
 
 
 def test_an_uncertain_initial_heading_spreads_the_particles(world: str) -> None:
-    """The encoder agent says that half a radian was not counted; so it is for who starts then."""
+    """The encoder agent publishes that half a radian was not counted."""
     off = 0.5
     covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
     for by_encoder, least in ((covariance, 0.5 * off), ((), 0.0)):
@@ -1026,7 +1042,7 @@ def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
     corrections = [robot.at(pose, motion, pose, wide) for pose, motion in drive(START, 5)]
-    assert [said.confidence for (said,) in corrections] == [0.0] * 5
+    assert [correction.confidence for (correction,) in corrections] == [0.0] * 5
 
 
 def test_without_walls_there_is_nothing_to_know_it_by() -> None:
@@ -1039,14 +1055,16 @@ def test_without_walls_there_is_nothing_to_know_it_by() -> None:
 def test_what_is_published_can_be_sent_however_far_off_the_odometry_is(
     world: str, far: Pose2
 ) -> None:
-    """What cannot be sent is dropped: the encoder agent would go on as if nothing had happened."""
+    """What cannot be sent is dropped: the encoder agent would continue without it."""
     robot = Robot(Parameters(world=world))
     wide = (1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
     robot.at(START, (0.0, 0.0, 0.0), far, wide if far[0] < 2.0 else ())
     for pose, motion in drive(START, 20):
         robot.at(pose, motion, pose)
     robot.at(pose, (1e5, 1e5, 0.0), pose)
-    corrections = [checked(said) for said in robot.said if isinstance(said, Correction)]
+    corrections = [
+        checked(message) for message in robot.published if isinstance(message, Correction)
+    ]
     assert len(corrections) == (22 if far[0] < 2.0 else 21)
 
 
@@ -1076,8 +1094,8 @@ def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
             for message in (state, Pose(cycle, *at), scan):
                 agent.receive(message, 0.1 * cycle.number)
             assert agent._filter.due == bool(again), "nothing was weighed since it moved"
-    said = [item.message for item in agent.outbox if isinstance(item, Publish)]
-    last = [one for one in said if isinstance(one, Correction)][-1]
+    published = [item.message for item in agent.outbox if isinstance(item, Publish)]
+    last = [one for one in published if isinstance(one, Correction)][-1]
     assert hypot(last.x, last.y) < 0.05  # the odometry is exact
     assert last.confidence > 0.9
 
@@ -1211,5 +1229,5 @@ def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_
     robot = Robot(Parameters(world=str(path)))
     for pose, motion in drive(START, 400):
         (correction,) = robot.at(pose, motion, pose)
-    assert any("map badly" in m.text for m in robot.said if isinstance(m, Log))
+    assert any("map badly" in m.text for m in robot.published if isinstance(m, Log))
     assert sqrt(correction.covariance[0] + correction.covariance[3]) > UNSURE_M

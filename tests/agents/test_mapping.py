@@ -1,4 +1,4 @@
-"""The mapping agent and its method: what a ping says of which cells."""
+"""The mapping agent and its method: the evidence of a ping for cells."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_a_map_of_another_resolution_goes_on_where_its_cells_are() -> None:
 
 
 class Ring:
-    """A mapping agent, and a robot that stands and hears a wall."""
+    """A mapping agent, and a robot at rest with echoes from a wall."""
 
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.agent = Mapping(Identity("mapping-1"), parameters)
@@ -153,8 +153,8 @@ class Ring:
         self.number += 1
         cycle, now = Cycle(1, self.number), 0.1 * self.number
         self.agent.cycles.advance(cycle, now)
-        said = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
-        messages = [*said, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
+        messages = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
+        messages = [*messages, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
         for message in messages[::-1] if pose_first else messages:
             self.agent.receive(message, now)
 
@@ -216,10 +216,10 @@ def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
     logged = []
     for x in (2.0, 150.0, 250.0, 260.0, 2.0):
         ring.cycle(x=x)
-        said, ring.agent.outbox = ring.agent.outbox, []
+        messages, ring.agent.outbox = ring.agent.outbox, []
         logged += [
             (x, "250.0" in o.message.text, o.message.level)
-            for o in said
+            for o in messages
             if isinstance(o, Publish) and isinstance(o.message, Log)
         ]
     assert logged == [(250.0, True, WARNING)]

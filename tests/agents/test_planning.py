@@ -1,4 +1,4 @@
-"""Plans keep clear of walls, pass doors in order and squarely, and say why when there is none."""
+"""Plans keep clear of walls, pass doors in order and squarely, and errors state the reason."""
 
 import math
 import tomllib

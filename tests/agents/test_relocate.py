@@ -103,8 +103,8 @@ def test_the_holder_releases_when_the_robot_is_lost() -> None:
     made = stage(Goto(Identity("goto-1")), 0.0)
     made.holding()
     made.off_m = 2.0 * LOST_M
-    said = [made.cycle() for _ in range(6)]
-    assert [c.action for c in commands(m for cycle in said for m in cycle)][-1] is None
+    messages = [made.cycle() for _ in range(6)]
+    assert [c.action for c in commands(m for cycle in messages for m in cycle)][-1] is None
 
 
 def test_relocate_drives_only_a_robot_that_is_lost() -> None:
@@ -162,7 +162,11 @@ def test_not_found_in_time_it_stands_and_logs_it() -> None:
         last = made.cycle()
     assert claims(last) == []
     assert "not found in 5 s" in made.bid.reason
-    logs = [said for said in made.published if isinstance(said, Log) and "it stands" in said.text]
+    logs = [
+        message
+        for message in made.published
+        if isinstance(message, Log) and "it stands" in message.text
+    ]
     assert len(logs) == 1
 
 
@@ -179,7 +183,7 @@ def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
 
 
 def looked_around(*, answers: bool | None) -> Alone:
-    """It has turned once; the sonars that look ahead heard something meanwhile, or nothing."""
+    """It has turned once; the sonars ahead received an echo meanwhile, or none."""
     made = lost()
     made.holding()
     made.speed = (0.0, Parameters().w)
@@ -196,7 +200,7 @@ def ping(made: Alone, answers: bool | None, heard_m: float = 4.0) -> None:
 
 
 def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() -> None:
-    """A wall that answers to nobody may be there."""
+    """There may be a wall without an echo."""
     assert speeds(commands(looked_around(answers=True).published)[-1])[0] > 0.1
     made = looked_around(answers=False)
     v, w = speeds(commands(made.published)[-1])
@@ -226,7 +230,7 @@ def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
 
 @pytest.mark.parametrize("heard_m", [0.2, 0.25, 4.0])
 def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: float) -> None:
-    """Also where the obstacles say nothing of it, as of a wall whose echo came once."""
+    """Also without an obstacle there, as of a wall whose echo came once."""
     made = looked_around(answers=True)
     made.speed = (0.0, 0.0)
     ping(made, answers=True, heard_m=heard_m)
@@ -286,7 +290,7 @@ def world(tmp_path: Path) -> str:
 
 
 def distinguish(made: Alone, *places: Pose2) -> None:
-    """Once it has looked round it hears where it may be."""
+    """Turns once, then sends the places where the robot may be."""
     made.holding()
     made.speed = (0.0, Parameters().w)
     for _ in range(round(10 * tau / Parameters().w) + 5):

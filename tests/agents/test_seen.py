@@ -1,4 +1,4 @@
-"""What is seen and not on the map: believed, doubted, forgotten, and never a wall of the map."""
+"""Obstacles that are not on the map: their evidence, and that no wall of the map is one."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_an_echo_that_a_wall_of_the_map_explains_is_nothing_new(bearing: float, 
 
 
 def test_what_would_stand_behind_a_wall_is_an_echo_that_went_astray() -> None:
-    """Of a room that goes on behind the wall."""
+    """Of a room that continues behind the wall."""
     known = Grid([*ROOM, (3.0, 0.0, 3.0, 4.0)], (0.0, 0.0, 6.0, 4.0))
     seen = Seen(known)
     for _ in range(10):

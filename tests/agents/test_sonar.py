@@ -25,7 +25,7 @@ AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30,
 
 
 class Ring:
-    """A robot whose sonars say what they are told to."""
+    """A robot with given sonar readings."""
 
     def __init__(self, parameters: Parameters | None = None, robot: str = "pioneer-2dx") -> None:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
@@ -55,13 +55,13 @@ class Ring:
         measured = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
         self.agent.receive(Sonar(cycle, 5.0, measured), self.now)
         out, self.agent.outbox = self.agent.outbox, []
-        said = [o.message for o in out if isinstance(o, Publish)]
-        (found,) = (message for message in said if isinstance(message, Obstacles))
+        messages = [o.message for o in out if isinstance(o, Publish)]
+        (found,) = (message for message in messages if isinstance(message, Obstacles))
         assert found.cycle == cycle
         return found
 
     def twice(self, *echoes: tuple[float, float | None]) -> Obstacles:
-        """What is heard twice is believed."""
+        """Two echoes make an obstacle."""
         self.ping(*echoes)
         return self.ping(*echoes)
 
@@ -79,27 +79,27 @@ def polar(distance: float, bearing: float) -> Point:
 def test_after_a_start_it_publishes_nothing_for_one_turn_of_the_ring(cycle_s: float) -> None:
     agent = SonarAgent(Identity("sonar-2"))
     agent.receive(replace(described(), cycle_s=cycle_s), 0.0)
-    cycles, said = round(START_S / cycle_s), []
+    cycles, messages = round(START_S / cycle_s), []
     for number in range(1, cycles + 2):
         now = cycle_s * number
         agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
         agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
-        said += [o.message for o in agent.outbox if isinstance(o, Publish)]
+        messages += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
-    said_for = [m.cycle.number for m in said if isinstance(m, Obstacles)]
-    assert said_for == [cycles, cycles + 1]
+    published_in = [m.cycle.number for m in messages if isinstance(m, Obstacles)]
+    assert published_in == [cycles, cycles + 1]
 
 
 def test_before_the_robot_is_described_it_publishes_nothing() -> None:
-    agent, said = SonarAgent(Identity("sonar-2")), []
+    agent, messages = SonarAgent(Identity("sonar-2")), []
     for number in range(1, 13):
         if number == 11:
             agent.receive(described(), 0.1 * number)
         agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
         agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
-        said += [o.message for o in agent.outbox if isinstance(o, Publish)]
+        messages += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
-    assert [m.cycle.number for m in said if isinstance(m, Obstacles)] == [11, 12]
+    assert [m.cycle.number for m in messages if isinstance(m, Obstacles)] == [11, 12]
 
 
 def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
@@ -158,7 +158,7 @@ def test_the_map_moves_with_the_robot(ring: Ring) -> None:
 def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
     before = ring.ping((AHEAD, 1.0), odometry=(7.0, 2.0, 1.0))
     ring.epoch, ring.number = 2, 0
-    ring.now += 0.4  # another epoch is believed once this one has been silent
+    ring.now += 0.4  # another epoch counts once this one has been silent
     after = ring.ping(odometry=(0.0, 0.0, 0.0))
     assert before.closest is not None
     assert after.closest is not None
@@ -206,7 +206,7 @@ def test_a_wall_of_the_map_is_expected_before_an_echo_if_the_pose_is_known() -> 
     for pose, deviation, known in (
         ((4.2, 0.0, 0.0), 0.02, True),
         ((4.2, 0.0, 0.0), 0.6, False),  # lost
-        ((4.2, 0.0, 0.0), 0.0, False),  # nobody knows how uncertain it is
+        ((4.2, 0.0, 0.0), 0.0, False),  # unknown covariance
         (None, 0.0, False),
     ):
         ring = Ring(MAPPED)
@@ -231,10 +231,12 @@ def test_the_walls_are_where_the_robot_is_now_and_not_where_its_last_pose_was() 
 def test_a_lost_robot_is_for_a_while_where_its_odometry_has_it(lost: float | None) -> None:
     ring = Ring(MAPPED)
     ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
-    told = None if lost is None else (-7.0, 3.0, 1.0)
+    at_pose = None if lost is None else (-7.0, 3.0, 1.0)
     front = []
     for way in (0.0, 0.1, 0.2):
-        found = ring.ping((AHEAD, None), odometry=(way, 0.0, 0.0), pose=told, deviation=lost or 0.0)
+        found = ring.ping(
+            (AHEAD, None), odometry=(way, 0.0, 0.0), pose=at_pose, deviation=lost or 0.0
+        )
         assert found.front is not None
         front.append(found.front.x + way)
     assert front[0] == pytest.approx(0.8, abs=0.03)
@@ -348,7 +350,7 @@ def test_an_approaching_object_is_also_put_where_it_will_be() -> None:
 
 
 def test_it_is_told_of_the_world_unless_that_is_to_be_explored() -> None:
-    for plan, told in (("rooms", True), ("frontiers", False)):
+    for plan, at_pose in (("rooms", True), ("frontiers", False)):
         scenario = replace(load_scenario("sc4"), plan=plan)
         (sets,) = (m.sets for m in members(scenario, Options(), "") if m.name == "sonar")
-        assert any(one.startswith("world=") for one in sets) == told
+        assert any(one.startswith("world=") for one in sets) == at_pose

@@ -1,4 +1,4 @@
-"""The robot agent in memory, against a controller that does what the test says."""
+"""The robot agent in memory, against a scripted controller."""
 
 from __future__ import annotations
 
@@ -455,10 +455,10 @@ def test_switching_the_motors_off_at_the_robot_latches_the_stop(
     assert ready.status().stop == Stop()
     stop = ready.status(**hand).stop
     assert (stop.stopped, stop.by, ready.speeds()[-1]) == (True, by, 0)
-    assert [m for _, m in ready.said if isinstance(m, Stop)] == [stop], "for all to hear"
+    assert [m for _, m in ready.said if isinstance(m, Stop)] == [stop], "published to all agents"
     assert any(f"stopped by {by}" in text for text in ready.logs())
     began = ready.now + TICK
-    for _ in range(20):  # they are on again, and nobody drives off
+    for _ in range(20):  # they are on again, and the robot does not drive off
         ready.let_pass(0.1)
         assert ready.status().stop == stop
         ready.command(0.3)
@@ -485,7 +485,7 @@ def test_a_release_while_the_hand_is_at_the_button_does_not_hold(
 def test_a_controller_that_was_reset_at_the_robot_takes_a_release_to_drive_on(
     ready: Bench, kind: int
 ) -> None:
-    """Opening it again switches the motors on, and whoever pressed the button stands there."""
+    """Opening it again switches the motors on, and the person at the button stands there."""
     ready.command(0.3)
     ready.answer(encode(bytes([kind])))
     ready.let_pass(2.0)
@@ -513,7 +513,7 @@ def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> N
         stops = bench.status(motors_enabled=False).stop
         bench.let_pass(0.1)
     assert stops.stopped
-    assert bench.sent(Cmd.ENABLE), "they were asked for first"
+    assert bench.sent(Cmd.ENABLE), "they were requested first"
 
 
 def test_motors_cut_by_a_stall_do_not_latch_the_stop(ready: Bench) -> None:
@@ -523,7 +523,7 @@ def test_motors_cut_by_a_stall_do_not_latch_the_stop(ready: Bench) -> None:
 
 
 def test_nor_those_that_are_off_for_a_while_after_it(ready: Bench) -> None:
-    """What is cut stalls no more. If they stay off, somebody wants them off."""
+    """What is cut stalls no more. If they stay off, a person switched them off."""
     ready.status(left_stall=True)
     ready.let_pass(0.1)
     assert not ready.status(motors_enabled=False).stop.stopped
@@ -647,14 +647,14 @@ def test_invalid_data_is_counted_published_and_logged_at_a_limited_rate(ready: B
     line = ready.state().line
     assert line.dropped >= 150 * (5 + len(good))
     assert min(line.mangled, line.malformed, line.absurd, line.resets) >= 149
-    told = [text for text in ready.logs() if "bad checksums" in text]
-    assert len(told) == 2
-    assert "odometry resets" in told[-1]
-    assert ready.state().v == 0.0, "and what is absurd is not believed"
+    logged = [text for text in ready.logs() if "bad checksums" in text]
+    assert len(logged) == 2
+    assert "odometry resets" in logged[-1]
+    assert ready.state().v == 0.0, "absurd reports are discarded"
 
 
 def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) -> None:
-    """Each costs messages to everybody, and the stop has to wait for them."""
+    """Each causes messages to all agents, and a stop has to wait for them."""
     before = sum(isinstance(m, RobotState) for _, m in ready.said)
     ready.command(0.3)
     began = ready.now
@@ -666,8 +666,8 @@ def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) 
         if ready.robot.wakeup is not None and ready.now >= ready.robot.wakeup:
             ready.robot.wake(ready.now)
             ready.take()
-    looked_at = sum(isinstance(m, RobotState) for _, m in ready.said) - before
-    assert looked_at <= 50 + 30 + 1
+    decoded = sum(isinstance(m, RobotState) for _, m in ready.said) - before
+    assert decoded <= 50 + 30 + 1
     assert ready.state().line.surplus > 4500
     assert ready.state().x > 0.79
     stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
@@ -749,7 +749,7 @@ def test_a_port_that_comes_back_is_closed_first_and_keeps_the_pose(ready: Bench)
 
 
 def test_what_the_robot_rolled_while_the_port_was_gone_is_part_of_the_way(ready: Bench) -> None:
-    """The controller has counted on, and is believed as far as the speeds of before explain it."""
+    """The controller has counted on, and counts as far as the speeds of before explain it."""
     before = driven(ready)
     ready.unplug()
     ready.now += 0.5
@@ -780,7 +780,7 @@ def test_any_remembered_odometry_can_be_published(far: float) -> None:
     try:
         bench.hand(checked(Origin(7, 1, 99, 0.0, 0.0, 0.0, far, -far, 0.0)))
     except MessageError:
-        return  # nobody was told so
+        return  # not logged
     for x in (-13.0, 0.0, 13.0):
         bench.x_m = x
         bench.connect().cycles(1)
@@ -867,8 +867,8 @@ def test_a_command_for_another_resource_or_of_another_shape_moves_nothing(ready:
     ready.cycles(30)
     ready.hand(Command("wheels", ready.state().cycle, BALLOT, (0.3,)))
     ready.cycles(1)
-    told = [text for text in ready.logs() if "commands refused" in text]
-    assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in told)
+    logged = [text for text in ready.logs() if "commands refused" in text]
+    assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in logged)
 
 
 def test_its_card_promises_no_readings_of_sensors_that_it_has_not_got() -> None:

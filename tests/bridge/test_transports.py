@@ -1,4 +1,4 @@
-"""Bytes cross every transport unchanged, and what fails says what to do."""
+"""Bytes cross every transport unchanged, and errors have a remedy."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("url", "says"),
+    ("url", "match"),
     [
         ("ttyUSB0", "none of .*serial"),
         ("udp://x", "none of .*tcp"),
@@ -201,8 +201,8 @@ def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyP
         ("tcp://", "names no host"),
     ],
 )
-def test_an_address_that_is_none_is_explained(url: str, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_an_address_that_is_none_is_explained(url: str, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
         open_port(url)
 
 

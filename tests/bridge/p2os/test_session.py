@@ -47,7 +47,7 @@ def status(profile: P2osRobot, **fields: object) -> bytes:
 
 
 def sent(session: Session) -> list[tuple[int, int]]:
-    """Number and value of what the session has written since last asked."""
+    """Number and value of the commands written since the last call."""
     commands = map(decode_command, Decoder().feed(session.outgoing()))
     return [(command.number, command.value) for command in commands]
 
@@ -116,8 +116,8 @@ def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
     session: Session, profile: P2osRobot
 ) -> None:
     session.outgoing()
-    told = session.receive(status(profile), 0.05)
-    assert told == [Unanswered("the echo of SYNC0", 1, streaming=True)]
+    events = session.receive(status(profile), 0.05)
+    assert events == [Unanswered("the echo of SYNC0", 1, streaming=True)]
     assert session.state is State.DRAIN
     assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
     session.receive(status(profile), 0.1)
@@ -298,7 +298,7 @@ def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:
 
 
 def test_every_beginning_closes_before_sync0_and_nothing_comes_before_that() -> None:
-    """SYNC0 is a pulse to who was left open; what comes first is a SYNC to MobileSim."""
+    """SYNC0 is a pulse to a controller left open; MobileSim takes the first packet for a SYNC."""
     for _, actions in TRANSITIONS.values():
         if Action.SEND_SYNC0 in actions:
             sends = [a for a in actions if a not in {Action.LOSE, Action.FORGET}]
@@ -314,22 +314,22 @@ class FirstPacketIsSync:
         self._sync = 0
 
     def answers(self, data: bytes) -> bytes:
-        said = b""
+        answer = b""
         for payload in self._decoder.feed(data):
             if self._sync > 2:
                 if payload[0] == Cmd.CLOSE:
                     self._sync = 0
                 continue
-            said += NAMES if payload[0] == 2 else encode(payload[:1])
+            answer += NAMES if payload[0] == 2 else encode(payload[:1])
             self._sync = payload[0] + 1
-        return said
+        return answer
 
 
 @pytest.mark.parametrize("first", [b"", SYNC0, SYNC0 + SYNC1, SYNC0 + SYNC1 + SYNC2])
 def test_a_controller_that_takes_the_first_packet_for_a_sync_is_connected_to(
     session: Session, first: bytes
 ) -> None:
-    """Whatever another client has left it in the middle of, on a line that tells nobody."""
+    """Whatever another client has left it in the middle of, on a line that reports nothing."""
     controller = FirstPacketIsSync()
     controller.answers(first)
     now, events = 0.0, session.receive(controller.answers(session.outgoing()), 0.0)
@@ -345,12 +345,12 @@ def test_a_controller_that_streams_and_never_answers_is_reported_repeatedly(
     session: Session, profile: P2osRobot
 ) -> None:
     """The wire from us to the robot is broken."""
-    told: list[Event] = []
+    events: list[Event] = []
     for n in range(1, 51):
-        told += session.receive(status(profile), n / 10)
-        told += session.tick(n / 10)
-    assert all(isinstance(event, Unanswered) and event.streaming for event in told)
-    assert len(told) > 10
+        events += session.receive(status(profile), n / 10)
+        events += session.tick(n / 10)
+    assert all(isinstance(event, Unanswered) and event.streaming for event in events)
+    assert len(events) > 10
 
 
 def test_every_end_of_an_open_link_but_closing_reports_it_as_lost() -> None:
