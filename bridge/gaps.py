@@ -68,7 +68,7 @@ class Gaps:
         if self.v_max < profile.limits.v_max:
             self.reason = (
                 f"the laser's rays are {degrees(step):.1f} degrees apart: from {reach:.2f} m on"
-                f" something {width:.2f} m wide may stand between them unseen, so the robot is"
+                f" an object {width:.2f} m wide may stand between them undetected, so the robot is"
                 f" driven at {self.v_max:.2f} m/s at most; more rays would allow"
                 f" {profile.limits.v_max:g} m/s"
             )

@@ -42,13 +42,13 @@ class Transport(Protocol):
 
 _ADVICE = {
     errno.ENOENT: "there is no such port; is the adapter plugged in? `ls /dev/ttyUSB*` shows it",
-    errno.EACCES: "you may not use it: `sudo usermod -a -G dialout $USER`, then log in again",
-    errno.EPERM: "you may not use it: `sudo usermod -a -G dialout $USER`, then log in again",
+    errno.EACCES: "permission denied: `sudo usermod -a -G dialout $USER`, then log in again",
+    errno.EPERM: "permission denied: `sudo usermod -a -G dialout $USER`, then log in again",
     errno.EAGAIN: "another program holds the port; end that one first",
     errno.EBUSY: "another program holds the port; end that one first",
     errno.ENOTTY: "it is not a serial port",
-    errno.ECONNREFUSED: "nobody listens there; is the simulator running, and has it no client yet?",
-    errno.EEXIST: "something that is no link has that name; choose another",
+    errno.ECONNREFUSED: "no program listens there; is the simulator running, without a client?",
+    errno.EEXIST: "a file that is not a link has that name; choose another",
 }
 
 
@@ -57,7 +57,7 @@ def advice(error: BaseException) -> str:
     if isinstance(error, socket.gaierror):
         return "no such host; check its name"
     if isinstance(error, TimeoutError):
-        return "no answer; is the host on, and does its firewall let us through?"
+        return "no answer; is the host on, and does its firewall allow the connection?"
     cause: BaseException | None = error
     while cause is not None:  # pyserial leaves some error numbers to the exception's context
         for number in (getattr(cause, "errno", None), *cause.args[:1]):

@@ -37,4 +37,4 @@ class Notices:
             self._complaints[sensor] = "", at
         elif wrong[:COMPLAINT] != before[:COMPLAINT] and now - at >= COMPLAIN_S:
             self._complaints[sensor] = wrong, now
-            self._events.append(Noted(f"{sensor} not heeded: {wrong}"))
+            self._events.append(Noted(f"{sensor} ignored: {wrong}"))

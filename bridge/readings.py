@@ -64,10 +64,10 @@ class Readings:
                 self.scan, wrong = None, str(error)
             self._no_scan = 0 if self.scan is not None else self._no_scan + 1
             if self._no_scan == SILENT:
-                self._complain(f"the laser tells nothing, {wrong}")
+                self._complain(f"no reading of the laser, {wrong}")
 
     def _complain(self, what: str) -> None:
-        self.complaints += (f"{what}: nobody drives blind",)
+        self.complaints += (f"{what}: no agent drives blind",)
 
 
 def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:

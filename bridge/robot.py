@@ -74,7 +74,7 @@ LOGGED_ATTEMPTS = tuple(2**n for n in range(20))
 
 _HINTS = (
     "is the robot on",
-    "it sends status packets and does not hear us: is the line to the robot whole",
+    "it sends status packets and does not receive: is the line to the robot intact",
 )
 
 LINE_LOG_S = 10.0
@@ -189,7 +189,7 @@ class Robot(DeviceAgent):
 
     def on_link(self, up: bool, why: str) -> None:
         """Handle the port's opening or loss."""
-        if not up and self._session is None:  # started before it, as anybody may be
+        if not up and self._session is None:  # started before the port was there
             self._awaited = f"waiting for the port {self.p.port}: {why}"
             self.log(self._awaited)
             self.wake_at(self.now + PATIENCE_S)
@@ -442,7 +442,7 @@ class Robot(DeviceAgent):
         if self._touch.update(report, self._orders.driven, self.now):
             self.rest(WHEELS)
             where = _SIDES[self._touch.side]
-            text = f"touched something {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
+            text = f"touched an obstacle {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
             self.log(
                 f"{text} {self._orders.measured[0]:.2f}, {self._orders.measured[1]:.2f} measured",
                 WARNING,
@@ -546,5 +546,5 @@ class Robot(DeviceAgent):
 
 def _names_of(event: Connected | Unfit) -> str:
     """A controller by its own names, for the log."""
-    kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
+    kind = f"{event.class_name} {event.subclass}".strip() or "type unknown"
     return f"{event.name or 'a controller without a name'} ({kind})"

@@ -100,7 +100,7 @@ def open_serial(url: str) -> Transport:
         raise ValueError(f"{url!r} names no port: serial:///dev/ttyUSB0")
     baud = parse_qs(parts.query).get("baud", [str(BAUD)])[0]
     if not baud.isdigit():
-        raise ValueError(f"{url!r}: baud is a number of bits a second, such as {BAUD}")
+        raise ValueError(f"{url!r}: baud is a number of bits per second, such as {BAUD}")
     transport = SerialTransport(parts.netloc + parts.path, int(baud))
     transport.open()
     return transport

@@ -123,7 +123,7 @@ class Avoid(Behaviour):
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """The speeds that keep clear of obstacles, and their utility."""
         state = self.latest(RobotState)
-        assert state is not None, "nobody bids without robot/state"
+        assert state is not None, "a bid needs robot/state"
         if self.p.rules == "safe":
             return self._safe(obstacles, pose, state)
         bid = literal(obstacles, state.v, self.body.outline, self.p)

@@ -125,7 +125,7 @@ class PathPlanning(Agent):
                 return Plan((), refusal=line(str(again)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
         if len(waypoints) > WAYPOINTS:
-            return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
+            return Plan((), refusal=f"the path has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
         state = self.latest(RobotState)
         cost = energy(
             (request.start, *waypoints),

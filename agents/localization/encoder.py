@@ -122,7 +122,7 @@ class Encoder(Agent):
         self._correction, self._covariance = None, ()
         self._origin = self._begin((initial.x, initial.y, initial.theta), odometry)
         self._publish_origin(self._origin, odometry, state.cycle.epoch)
-        self.log(f"the robot stands at ({initial.x:.2f}, {initial.y:.2f}), as it was told")
+        self.log(f"initial pose set: ({initial.x:.2f}, {initial.y:.2f})")
 
     def on_robot_state(self, state: RobotState) -> None:
         """Publish one pose per status packet."""
@@ -193,7 +193,7 @@ class Encoder(Agent):
             return origin
         self._covariance = grown(self._covariance, (UNCOUNTED_M, 0.0, 0.0))
         # The robot has not jumped. Its motion meanwhile was not counted.
-        self.log("the controller's odometry has begun anew: the pose goes on from here", WARNING)
+        self.log("the controller's odometry was reset: the pose continues from here", WARNING)
         return self._begin(compose(origin, was), odometry)
 
 

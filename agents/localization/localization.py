@@ -523,7 +523,7 @@ class Localization(Agent):
         if not proofs or (self._unmoved is not None and apart(pose, self._unmoved)):
             self._unmoved = None
         self._search, self._estimate = None, pose
-        self.log(f"the robot is found: at {_place(pose)}")
+        self.log(f"the robot is localized at {_place(pose)}")
 
     def _accept_place(self, search: Search) -> None:
         """Accept a place on the whole map for a lost robot, or confirm the one accepted last.

@@ -160,10 +160,10 @@ class Relocate(Behaviour):
         """Look around, or drive on."""
         self._begin()
         if self.now - self._since > self.p.give_up_s:
-            self.why = f"not found in {self.p.give_up_s:g} s"
+            self.why = f"not localized in {self.p.give_up_s:g} s"
             if not self._gave_up:
                 self._gave_up = True
-                self.log(f"the robot is lost, and was {self.why}: it stands", WARNING)
+                self.log(f"the robot is lost and was {self.why}: it stays at rest", WARNING)
             return None
         v, w, reason = self._act(obstacles)
         v, w = self.limited(min(v, self._stopping_speed), w, obstacles, self.p.safety)

@@ -99,7 +99,7 @@ def energy(
         ValueError: The path has fewer than two poses.
     """
     if len(way) < 2:
-        raise ValueError("no energy for a way without an end")
+        raise ValueError(f"a path has at least 2 poses (got {len(way)})")
     v = min(pace.v_m_s, v_max or inf)
     length = sum(distance(a, b) for a, b in pairwise(way))
     headings = [way[0].theta]

@@ -206,7 +206,7 @@ def check_extent(world: World, cell_m: float) -> None:
     if count > CELLS_MOST:
         raise ConfigError(
             f"world {world.name!r} is {x2 - x1:g} m x {y2 - y1:g} m, {count:,.0f} cells of"
-            f" {cell_m:g} m; expected at most {CELLS_MOST:,}, 200 m x 200 m say"
+            f" {cell_m:g} m; expected at most {CELLS_MOST:,}, such as 200 m x 200 m"
         )
 
 

@@ -56,11 +56,11 @@ class LaserAgent(Perception):
         except ValueError:
             valid = 0
         if valid < max(1.0, LEAST_VALID * rays):
-            self._report_blind(f"of {rays} rays {valid} tell anything: nobody drives blind")
+            self._report_blind(f"{valid} of {rays} rays are valid: no obstacles are published")
             return
         if self._blind:
             self._blind = False
-            self.log("the laser sees again", INFO)
+            self.log("the laser works again", INFO)
         if walls is not None:
             walls.see(seen.probe)
         accepted = () if walls is None else walls.points(seen.outline)

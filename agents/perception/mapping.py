@@ -89,8 +89,7 @@ class Mapping(Agent):
             self._warned = True
             at, most = f"({pose.x:.1f}, {pose.y:.1f})", self._map.p.size_m
             self.log(
-                f"mapping stops at {at}: the map may be {most:g} m wide and high, and what is"
-                " beyond is left out",
+                f"readings at {at} are left out: the map may be at most {most:g} m wide and high",
                 WARNING,
             )
         if self.now - self._published_at >= self.p.every_s:

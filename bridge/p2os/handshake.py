@@ -36,7 +36,7 @@ class State(Enum):
     """What a session waits for."""
 
     CLOSED = "nothing"
-    DRAIN = "what the controller still had to say"
+    DRAIN = "the controller's last packets"
     SYNC0 = "the echo of SYNC0"
     SYNC1 = "the echo of SYNC1"
     SYNC2 = "the robot's names"

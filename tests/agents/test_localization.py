@@ -679,7 +679,7 @@ def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> Non
     assert confidences[0] == 0.0
     assert confidences[-1] > 0.9
     assert any(
-        isinstance(message, Log) and "is found" in message.text for message in robot.published
+        isinstance(message, Log) and "is localized" in message.text for message in robot.published
     )
 
 

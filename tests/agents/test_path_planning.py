@@ -81,7 +81,7 @@ def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
 ) -> None:
     monkeypatch.setattr("armadico.agents.driving.path_planning.WAYPOINTS", 2)
     plan = request_plan(planner, START, GOAL)
-    assert re.fullmatch(r"the way has \d+ turns, at most 2", plan.refusal)
+    assert re.fullmatch(r".* \d+ turns, at most 2", plan.refusal)
     assert plan.waypoints == ()
 
 

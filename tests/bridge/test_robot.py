@@ -549,7 +549,7 @@ def test_wheels_that_do_not_turn_as_ordered_touch_something(
     touched = [m for _, m in ready.said if isinstance(m, RobotState) and m.stalled]
     assert touched
     assert (touched[0].touch and touched[0].touch.x) == x
-    assert any("touched something" in text for text in ready.logs())
+    assert any("touched an obstacle" in text for text in ready.logs())
     assert 0 in ready.speeds(ready.now - 1.5)
 
 
