@@ -22,7 +22,6 @@ class Counts:
     surplus: int = 0  # reports that were too many to be decoded
 
     def line(self, decoder: Framing[Any], odometry: Continuous) -> Line:
-        """All counts so far."""
         return Line(
             decoder.dropped,
             decoder.mangled,

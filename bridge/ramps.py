@@ -32,7 +32,6 @@ class Ramps:
         self.due: float | None = None
 
     def begin(self) -> None:
-        """Reset to zero speeds."""
         self._asked = self.told = REST
         self.due = None
 

@@ -48,7 +48,6 @@ class Readings:
         self._no_echo = self._no_scan = 0  # cycles since a sonar fired, and since a scan arrived
 
     def update(self, cycle: Cycle, report: Reported) -> None:
-        """Add a cycle's report."""
         self.complaints = ()
         if self._ring is not None:
             echoes = _echoes(self._ring, report)

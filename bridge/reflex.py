@@ -153,7 +153,6 @@ class Reflex:
 
 
 def _turned(points: Floats, angle: float) -> Floats:
-    """Points rotated about the origin, (n, 2)."""
     c, s = cos(angle), sin(angle)
     x, y = points[:, 0], points[:, 1]
     return np.column_stack([c * x - s * y, s * x + c * y])

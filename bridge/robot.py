@@ -188,7 +188,6 @@ class Robot(DeviceAgent):
     # The port ------------------------------------------------------------------------------------
 
     def on_link(self, up: bool, why: str) -> None:
-        """Handle the port's opening or loss."""
         if not up and self._session is None:  # started before the port was there
             self._awaited = f"waiting for the port {self.p.port}: {why}"
             self.log(self._awaited)
@@ -465,7 +464,6 @@ class Robot(DeviceAgent):
             self.rest(WHEELS)
 
     def _perceive(self, cycle: Cycle, report: Reported) -> None:
-        """Publish the sensors' readings."""
         readings = self._readings
         readings.update(cycle, report)
         for message in (readings.sonar, readings.scan):
@@ -528,7 +526,6 @@ class Robot(DeviceAgent):
             self._send()
 
     def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
-        """The measured speeds, m/s and rad/s."""
         return self._orders.measured
 
     def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one

@@ -36,7 +36,6 @@ class SerialTransport:
         return f"serial://{self.path}?baud={self.baud}"
 
     def open(self) -> None:
-        """Open the port exclusively."""
         self.close()
         try:
             self._port = serial.Serial(
@@ -90,7 +89,6 @@ class PtyTransport:
         return f"pty://{self.link}"
 
     def open(self) -> None:
-        """Make the terminal, and the link; a link left behind by a dead process is replaced."""
         self.close()
         ours, theirs = os.openpty()
         self._fds = ours, theirs

@@ -331,6 +331,5 @@ class Avoid(Behaviour):
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:
-    """The points after a turn on the spot."""
     c, s = cos(heading), sin(heading)
     return [Point(c * p.x + s * p.y, c * p.y - s * p.x) for p in points]

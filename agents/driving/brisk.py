@@ -56,7 +56,6 @@ class Driver:
     def steer(
         self, pose: Posed, measured: Speeds, before: Speeds, route: Route, cut: float, period: float
     ) -> Speeds:
-        """The speeds for the next period."""
         s = self.settings
         there = self.soon(pose, measured, before)
         goal = route.goal

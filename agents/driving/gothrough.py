@@ -82,7 +82,6 @@ class Gothrough(Behaviour):
         self._ahead: list[Waypoint] = []  # the rest of the trajectory, as far as needed
 
     def on_body(self) -> None:
-        """Apply the robot's limits."""
         self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
@@ -125,7 +124,6 @@ class Gothrough(Behaviour):
         return ""
 
     def _goal(self, pose: Pose, obstacles: Obstacles) -> Point:
-        """Where the trajectory leads, in the body frame."""
         if self.p.rules == "thesis":
             self._ahead = list(self.route.waypoints[self.route.leg :])
         else:

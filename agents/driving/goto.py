@@ -90,13 +90,11 @@ class Goto(Behaviour):
         self._commanded = (0.0, 0.0)
 
     def on_body(self) -> None:
-        """Apply the robot's limits and ramps."""
         self._controller.settings = within(SETTINGS[self.p.settings], self.body, self.p.v_max)
         if self._driver is not None:
             self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
 
     def on_mission(self) -> None:
-        """Reset the parking state of the last mission."""
         self._controller.reset()
         if self._driver is not None:
             self._driver.reset()
@@ -144,7 +142,6 @@ class Goto(Behaviour):
         return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
 
     def _ramp_start(self) -> tuple[float, float]:
-        """The speeds from which the ramps start."""
         return self._commanded if self.holds(WHEELS) else self.measured
 
     def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:

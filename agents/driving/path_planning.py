@@ -99,11 +99,9 @@ class PathPlanning(Agent):
         self._match(pose, self.latest(Scan))
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Add the pings of this cycle, if its pose has arrived."""
         self._match(self.latest(Pose), sonar)
 
     def on_scan(self, scan: Scan) -> None:
-        """Add the scan of this cycle, if its pose has arrived."""
         self._match(self.latest(Pose), scan)
 
     def on_plan_request(self, question: Question) -> Plan:

@@ -142,7 +142,6 @@ class Seen:
                 del self._cells[key]
 
     def forget(self, now: float, recent_s: float) -> None:
-        """Keep only points of the last `recent_s`."""
         self._cells = {k: c for k, c in self._cells.items() if now - c.at <= recent_s}
 
     def touch(self, pose: Posed, x: float, y: float, now: float) -> None:

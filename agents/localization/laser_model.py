@@ -67,7 +67,6 @@ class LaserModel:
     """A likelihood field, computed from a map's clearances."""
 
     def __init__(self, grid: Grid) -> None:
-        """Compute the field of a map."""
         west, south, east, north = grid.bounds
         beyond = west - RIM_M, south - RIM_M, east + RIM_M, north + RIM_M
         fine = grid.clearance.size <= LARGE

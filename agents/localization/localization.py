@@ -311,7 +311,6 @@ class Localization(Agent):
         self._advance_search()  # every cycle, even if readings are rare
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Weigh the particles by the echoes."""
         if not self._has_laser:
             ago = self._ping_s / self.cycles.period
             self._update(sonar.cycle, lambda: as_fired(sonar.echoes, self._motion, ago))

@@ -116,7 +116,6 @@ class Estimate(Struct, frozen=True):
 
     @property
     def deviation_m(self) -> float:
-        """Standard deviation of the position, m."""
         return sqrt(max(0.0, float(self.covariance[0, 0] + self.covariance[1, 1])))
 
 
@@ -165,7 +164,6 @@ class MonteCarlo:
         self._free = free.astype(np.float32)
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
-        """Start around a pose."""
         settings = self.settings
         wide = deviation_m > 2.0 * settings.bin_m or deviation_rad > 2.0 * settings.bin_rad
         about = np.tile(pose, (settings.most if wide else settings.least, 1))
@@ -415,5 +413,4 @@ class MonteCarlo:
 
 
 def _heading(theta: NDArray[np.floating], weights: NDArray[np.float64]) -> float:
-    """The weighted mean of headings, rad."""
     return float(np.arctan2(weights @ np.sin(theta), weights @ np.cos(theta)))

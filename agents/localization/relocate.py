@@ -147,7 +147,6 @@ class Relocate(Behaviour):
             self._last_echo = EchoAhead()
 
     def on_particles(self, message: Particles) -> None:
-        """Store the places where the robot may be."""
         if len(message.packed) % particles.EACH == 0:
             self._particles, self._placed_at = message, self._odometry
 
@@ -157,7 +156,6 @@ class Relocate(Behaviour):
         return STOOD if state is None else (state.x, state.y, state.theta)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """Look around, or drive on."""
         self._begin()
         if self.now - self._since > self.p.give_up_s:
             self.why = f"not localized in {self.p.give_up_s:g} s"

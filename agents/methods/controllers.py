@@ -186,7 +186,6 @@ class Controller:
         )
 
     def wanted(self, pose: Posed, waypoints: Sequence[Posed]) -> Speeds:
-        """Speeds before the ramps."""
         target = waypoints[0]
         rho = distance(pose, target)
         alpha = wrap(direction(pose, target) - pose.theta)

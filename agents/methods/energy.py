@@ -28,8 +28,6 @@ STANDING_M_S = 0.003
 
 
 class Energy(Struct, frozen=True):
-    """The energy of a path."""
-
     joules: float
     battery_share: float  # of a full battery, 0 to 1
     seconds: float

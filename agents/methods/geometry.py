@@ -38,12 +38,10 @@ ORIGIN = Placed(0.0, 0.0, 0.0)
 
 
 def clip(value: float, low: float, high: float) -> float:
-    """`value`, limited to [low, high]."""
     return low if value < low else high if value > high else value
 
 
 def distance(a: Positioned, b: Positioned) -> float:
-    """Distance between two places, m."""
     return math.hypot(b.x - a.x, b.y - a.y)
 
 

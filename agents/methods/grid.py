@@ -109,7 +109,6 @@ class Grid:
         return grid
 
     def inside(self, place: Positioned) -> bool:
-        """Whether a place is within the bounds."""
         x1, y1, x2, y2 = self.bounds
         return x1 <= place.x <= x2 and y1 <= place.y <= y2
 
@@ -129,7 +128,6 @@ class Grid:
         ]
 
     def centre(self, cell: Cell) -> Placed:
-        """The centre of a cell."""
         return Placed(float(self.xs[cell[1]]), float(self.ys[cell[0]]))
 
     def clearance_at(self, place: Positioned) -> float:

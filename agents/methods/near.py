@@ -84,19 +84,15 @@ class Near:
         return self._all
 
     def closest(self) -> Obstacle | None:
-        """The nearest point."""
         return next(iter(self.points()), None)
 
     def front(self) -> Obstacle | None:
-        """The nearest point in front."""
         return self._first(lambda bearing: abs(bearing) < self._settings.frontal_rad)
 
     def left(self) -> Obstacle | None:
-        """The nearest point on the left."""
         return self._first(self._is_left)
 
     def right(self) -> Obstacle | None:
-        """The nearest point on the right."""
         return self._first(lambda bearing: self._is_left(-bearing))
 
     def _fades(self, motion: Posed, mapped: bool) -> float:

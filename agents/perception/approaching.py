@@ -87,5 +87,4 @@ class Approaching:
             self._predicted[echo.bearing] = at_x, at_y
 
     def points(self) -> list[tuple[float, float]]:
-        """The predicted positions, m."""
         return list(self._predicted.values())

@@ -48,7 +48,6 @@ class LaserAgent(Perception):
         self._reported_at = float("-inf")
 
     def on_scan(self, scan: Scan) -> None:
-        """Add the scan to the map, and publish the obstacles."""
         seen, walls = self._map, self._near_walls()
         rays = scan.rays
         try:

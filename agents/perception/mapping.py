@@ -58,17 +58,14 @@ class Mapping(Agent):
         self._match(pose, self.latest(Scan) if self._has_laser else self.latest(Sonar))
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Add the pings of this cycle, if its pose has arrived."""
         if not self._has_laser:
             self._match(self.latest(Pose), sonar)
 
     def on_scan(self, scan: Scan) -> None:
-        """Add the scan of this cycle, if its pose has arrived."""
         if self._has_laser:
             self._match(self.latest(Pose), scan)
 
     def on_map_request(self, _question: Question) -> OccupancyGrid:
-        """The present map."""
         return grid_map.message_of(self._map.cells())
 
     def _match(self, pose: Pose | None, reading: Sonar | Scan | None) -> None:

@@ -69,7 +69,6 @@ class SonarAgent(Perception):
         self._cycles = 0
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Add the echoes to the map, and publish the obstacles."""
         seen, walls = self._map, self._near_walls()
         explained = [False] * len(sonar.echoes) if walls is None else walls.on_echoes(sonar.echoes)
         far = [not _close(echo) for echo in sonar.echoes]

@@ -161,5 +161,4 @@ def _integer(cmd: Cmd, value: int) -> bytes:
 
 
 def _signed(value: int, bits: int) -> int:
-    """Read unsigned `value` as two's complement."""
     return value - (1 << bits) if value >> bits - 1 else value
