@@ -337,7 +337,7 @@ class Search:
         """The best pose near `here`, with a prior that favours it; None if there is no result.
 
         Its share excuses ranges that are too short, as in `alternative`. Its fit does not: in a
-        hall all echoes heard in a closet are too short, and would fit.
+        hall all echoes in a closet are too short, and would fit.
 
         Args:
             here: The present pose if the robot was not moved: m, m, rad.

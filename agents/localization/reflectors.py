@@ -304,8 +304,8 @@ def _fill_table(
             was = likely.take(row)
             likely[row] = np.maximum(was, mine)
             mine = np.minimum(was, mine)
-    nobody = np.full((1, cells), len(reflectors.x) - 1)
-    numbers = np.concatenate([nobody, which]).astype(np.uint16)
+    silent_one = np.full((1, cells), len(reflectors.x) - 1)
+    numbers = np.concatenate([silent_one, which]).astype(np.uint16)
     cell = np.repeat(np.arange(cells), HEADINGS)
     for rank, likely in enumerate(likeliest):
         chance = (likely + RANK_BITS) & ~RANK_BITS

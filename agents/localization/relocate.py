@@ -59,7 +59,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     patience_s: Annotated[float, Meta(gt=0, le=600)] = 10.0  # without progress: any free way
     silent_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # without an echo ahead it creeps
     leg_m: Metres = 3.0  # after this distance straight ahead it looks around again
-    tell_m: Metres = 2.0  # or, on a leg that tells places apart, chooses the next leg
+    tell_m: Metres = 2.0  # or, on a leg that distinguishes places, chooses the next leg
     off_rad: Annotated[float, Meta(gt=0, le=1)] = 0.2  # it first turns to a leg farther off
     wait_s: Annotated[float, Meta(gt=0, le=60)] = 2.0  # until the next choice if no leg helps
     give_up_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0
@@ -129,7 +129,9 @@ class Relocate(Behaviour):
         self._particles: Particles | None = None  # decoded only when needed
         self._placed_at: Pose2 = STOOD  # the odometry when they were received
         self._visited: list[Pose2] = []  # former positions since it is lost, by the odometry
-        self._to: Pose2 | None = None  # the end of the leg that tells places apart, by the odometry
+        self._to: Pose2 | None = (
+            None  # the end of the leg that distinguishes places, by the odometry
+        )
         self._facing = False  # towards that end
         self._chosen_at = -inf
 
@@ -273,7 +275,7 @@ class Relocate(Behaviour):
     def _drive_to_distinguish(
         self, obstacles: Obstacles, ahead: float
     ) -> tuple[float, float, str] | None:
-        """Drive along the leg that tells places apart, if there is one."""
+        """Drive along the leg that distinguishes places, if there is one."""
         p, outline, here = self.p, self.body.outline, self._odometry
         v = min(p.v, p.v_max or inf)
         if self._to is None:

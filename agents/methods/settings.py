@@ -13,7 +13,7 @@ class NearSettings(Struct, frozen=True):
 
     reach_m: float  # greatest distance of points
     memory: float = 0.995  # share left per cycle: a certain point lasts 24 s at rest
-    memory_off_map: float = 0.985  # the same for unmapped points (8 s): mostly people, who move on
+    memory_off_map: float = 0.985  # the same for unmapped points (8 s): mostly people
     memory_m: float = 1.5  # distance driven that halves a probability: a certain point lasts 2.6 m
     frontal_rad: float = radians(40)  # bearings up to this are in front
     abeam_rad: float = radians(120)  # bearings from there to this are beside

@@ -10,7 +10,7 @@ echo, so they are never doubted. A laser shows for each point whether it saw it 
 An echo from the distance of an accepted point that would have answered is assigned to that point.
 Otherwise both door posts would appear on the sonar's axis, in the middle of the doorway. Of a wall
 at a slant the foot of the perpendicular answers, its ends, and its nearest point in the beam: a
-person who walks along a wall is detected between those.
+person walking along a wall is detected between those.
 
 Poses are in the world frame, results in the body frame: x forward, y left, origin at the middle of
 the wheel axle; metres and radians.

@@ -94,11 +94,11 @@ def _row_ends(p: RowPoint, near: Sequence[RowPoint]) -> Iterator[tuple[float, fl
         if side not in best or apart > best[side][0]:
             best[side] = apart, ux, uy
     for _, ux, uy in best.values():
-        if not any(_goes_on(p, r, ux, uy) for r in near):
+        if not any(_continues(p, r, ux, uy) for r in near):
             yield ux, uy
 
 
-def _goes_on(p: RowPoint, r: RowPoint, ux: float, uy: float) -> bool:
+def _continues(p: RowPoint, r: RowPoint, ux: float, uy: float) -> bool:
     """Whether the row continues with another point."""
     dx, dy = r.x - p.x, r.y - p.y
     along = ux * dx + uy * dy

@@ -84,14 +84,14 @@ class ScanMap(Near):
         away, along = ranges[hits], bearings[hits]
         own = self._within(scan.x + away * np.cos(along), scan.y + away * np.sin(along))
         ranges[hits[own]] = np.nan
-        tells = int(np.count_nonzero(~np.isnan(ranges)))
+        valid_rays = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points
         results = self._ray_results(known)
         known[results == RayResult.NOTHING.value, 2] -= self.settings.silence
         known = known[(results != RayResult.SEEN.value) & (results != RayResult.THROUGH.value)]
         self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
-        return tells
+        return valid_rays
 
     def sensed(self) -> tuple[Obstacle, ...]:
         """The points seen and remembered, nearest first."""

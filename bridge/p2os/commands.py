@@ -60,7 +60,7 @@ class Cmd(IntEnum):
     CONFIG = 18, Arg.INT, 1, "send one CONFIGpac"
     ENCODER = 19, Arg.INT, 1, "ENCODERpacs: none (0), one (1), one each status packet (2)"
     RVEL = 21, Arg.INT, DEGREE, "angular speed, counter-clockwise positive, degrees/s"
-    DCHEAD = 22, Arg.INT, DEGREE, "turn relative to the last heading asked for, degrees"
+    DCHEAD = 22, Arg.INT, DEGREE, "turn relative to the last heading requested, degrees"
     SETRA = 23, Arg.INT, DEGREE, "angular acceleration, or if negative deceleration, degrees/s^2"
     SONAR = 28, Arg.INT, 1, "bit 0 on or off; the bits above name one array, 0 all"
     STOP = 29, Arg.NONE, 1, "stop, motors stay on"

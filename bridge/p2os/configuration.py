@@ -62,7 +62,7 @@ FIELDS: tuple[tuple[str, str, float], ...] = (
     ("rear_bumpers", "B", 1),
     ("", "B", 1),  # charger
     ("sonar_period_s", "B", _MILLI),
-    ("auto_baud", "B", 1),  # 2: the client may ask for a faster line
+    ("auto_baud", "B", 1),  # 2: the client may request a faster line
     ("", "B", 1),  # gyroscope
     ("", "h", 1),  # drift factor
     ("", "B", 1),  # auxiliary ports' baud rates
