@@ -203,7 +203,7 @@ class Monitor(Agent):
         # Lateness counts from here, after a change of the society or a hang of this monitor.
         self._late_from = 0.0
         self._missing: dict[str, float] = {}  # needed agents that are not well, since
-        self._requests = _Requests()
+        self._restart_requests = _Requests()
         self._slow: dict[str, float] = {}  # hosts with most processes silent, since
         self._stopped_for: set[str] = set()
         self._check_at = self._report_at = 0.0
@@ -487,7 +487,9 @@ class Monitor(Agent):
     def _late_limit_s(self, known: _Known) -> float:
         """Limit of lateness of an agent, s."""
         host = "" if known.card is None else known.card.host
-        doubled = 2 ** min(self._requests.restarts_in_a_row(known.name, self.now), MAX_DOUBLINGS)
+        doubled = 2 ** min(
+            self._restart_requests.restarts_in_a_row(known.name, self.now), MAX_DOUBLINGS
+        )
         return float(self.p.late_s * doubled * self._limit_factor(host))
 
     def _update_missing(self, faulty: Container[str]) -> None:
@@ -508,9 +510,9 @@ class Monitor(Agent):
             return  # no host keeps it up
         wakeup, name, pid = process
         share, _ = self._shares[wakeup]
-        if self._requests.has_refused(share, name, self.now):
+        if self._restart_requests.has_refused(share, name, self.now):
             return
-        if self._requests.has_budget(self.p, share.host, self.now):
+        if self._restart_requests.has_budget(self.p, share.host, self.now):
             self._request(WakeupOrder.RESTART, name, share, why, pid)
             return
         p = self.p
@@ -528,7 +530,7 @@ class Monitor(Agent):
             name in kept.agents and kept.state is not KeptState.ENDED
             for share in hosts
             for kept in share.kept
-            if not self._requests.has_refused(share, name, self.now)
+            if not self._restart_requests.has_refused(share, name, self.now)
         )
         if kept and missed_s < self.p.trust_s:
             return
@@ -537,7 +539,7 @@ class Monitor(Agent):
             for share in hosts
             if name in share.can
             and share.host not in busy
-            and not self._requests.has_refused(share, name, self.now)
+            and not self._restart_requests.has_refused(share, name, self.now)
         ]
         if able:
             idle = min(able, key=lambda share: (_load(share.kept), share.host))
@@ -548,7 +550,7 @@ class Monitor(Agent):
     def _request(
         self, order: WakeupOrder, name: str, share: HostShare, why: str, pid: int = 0
     ) -> None:
-        if not self._requests.admit(self.p, order, name, share.host, pid, self.now):
+        if not self._restart_requests.admit(self.p, order, name, share.host, pid, self.now):
             return
         if order is WakeupOrder.RESTART:
             self._late_from = self.now
@@ -558,7 +560,10 @@ class Monitor(Agent):
         def on_reply(reply: WakeupReply | None) -> None:
             refusal = f"{share.host} does not answer" if reply is None else reply.refusal
             if refusal:
-                self._requests.refused[share.host, name] = (self.now + self.p.refused_s, refusal)
+                self._restart_requests.refused[share.host, name] = (
+                    self.now + self.p.refused_s,
+                    refusal,
+                )
                 self._note = line(refusal)
                 self.log(self._note, WARNING)
 
@@ -595,7 +600,9 @@ class Monitor(Agent):
             for kept in share.kept:
                 if name in kept.agents and kept.why:
                     return f"{share.host}: {kept.why}"
-        refusals = [why for (_, agent), (_, why) in self._requests.refused.items() if agent == name]
+        refusals = [
+            why for (_, agent), (_, why) in self._restart_requests.refused.items() if agent == name
+        ]
         return refusals[-1] if refusals else "" if self._hosts() else "no host accepts requests"
 
     # Report --------------------------------------------------------------------------------------

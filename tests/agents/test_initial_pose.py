@@ -15,7 +15,7 @@ from armadico.mobile.messages import MissionReply, MissionRequest, Pose, Truth, 
 GOAL, HERE = Waypoint(12.6, 1.2, -1.57), Waypoint(2.2, 3.0, 1.57)
 
 
-def test_a_robot_that_was_carried_elsewhere_and_is_told_so_is_localized_there() -> None:
+def test_a_kidnapped_robot_is_localized_by_an_initial_pose() -> None:
     run = Rehearsal(replace(load_scenario("house"), goal=None), Options(seed=3))
     said: dict[type, Any] = {}
     run.mesh.watch(lambda _k, message, _t: said.update({type(message): message}), Pose, Truth)

@@ -61,7 +61,7 @@ def ready() -> Bench:
     return Bench().connect().cycles(LISTEN + 2)
 
 
-def test_a_silent_controller_is_reported_ever_more_rarely(bench: Bench) -> None:
+def test_a_silent_controller_is_logged_ever_more_rarely(bench: Bench) -> None:
     bench.plug()
     bench.let_pass(30.0)
     assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
@@ -193,7 +193,7 @@ def test_of_a_subclass_with_factors_of_its_own_those_count() -> None:
 
 
 @pytest.mark.parametrize("hangs_up", [True, False])
-def test_without_packets_after_the_handshake_it_retries_and_reports_ever_more_rarely(
+def test_without_status_packets_it_retries_and_logs_ever_more_rarely(
     bench: Bench, hangs_up: bool
 ) -> None:
     bench.plug()
@@ -303,7 +303,7 @@ def test_a_status_packet_becomes_state_and_echoes_in_si_units(ready: Bench) -> N
     assert ahead.range is None  # nothing within reach
 
 
-def test_a_cycle_without_a_sonar_publishes_none_and_is_reported_once(ready: Bench) -> None:
+def test_a_cycle_without_a_ping_has_no_echoes_and_is_reported_once(ready: Bench) -> None:
     before = sum(isinstance(m, Sonar) for _, m in ready.published)
     cycles = sum(isinstance(m, RobotState) for _, m in ready.published)
     for _ in range(9):
@@ -457,10 +457,12 @@ def test_switching_the_motors_off_at_the_robot_latches_the_stop(
     assert ready.status().stop == Stop()
     stop = ready.status(**hand).stop
     assert (stop.stopped, stop.by, ready.speeds()[-1]) == (True, by, 0)
-    assert [m for _, m in ready.published if isinstance(m, Stop)] == [stop], "for all agents"
+    assert [m for _, m in ready.published if isinstance(m, Stop)] == [stop], (
+        "published to all agents"
+    )
     assert any(f"stopped by {by}" in text for text in ready.logs())
     began = ready.now + TICK
-    for _ in range(20):  # they are on again, and no agent drives
+    for _ in range(20):  # they are on again, and the robot does not drive off
         ready.let_pass(0.1)
         assert ready.status().stop == stop
         ready.command(0.3)
@@ -487,7 +489,7 @@ def test_a_release_while_the_hand_is_at_the_button_does_not_hold(
 def test_a_controller_that_was_reset_at_the_robot_takes_a_release_to_drive_on(
     ready: Bench, kind: int
 ) -> None:
-    """Reconnecting would switch the motors on, and the person at the button stands there."""
+    """Opening it again switches the motors on, and the person at the button stands there."""
     ready.command(0.3)
     ready.answer(encode(bytes([kind])))
     ready.let_pass(2.0)
@@ -551,7 +553,7 @@ def test_wheels_that_do_not_turn_as_ordered_touch_something(
     touched = [m for _, m in ready.published if isinstance(m, RobotState) and m.stalled]
     assert touched
     assert (touched[0].touch and touched[0].touch.x) == x
-    assert any("touched something" in text for text in ready.logs())
+    assert any("touched an obstacle" in text for text in ready.logs())
     assert 0 in ready.speeds(ready.now - 1.5)
 
 
@@ -577,7 +579,7 @@ def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
 
 
 @pytest.mark.parametrize(("cycles", "ahead"), [(1, True), (8, False)])
-def test_a_robot_that_stalls_while_backing_off_touches_what_it_drove_into(
+def test_a_robot_that_stalls_while_backing_touches_what_it_drove_into(
     ready: Bench, cycles: int, ahead: bool
 ) -> None:
     """Or it would take what is ahead for something behind, and back off no more."""
@@ -589,7 +591,7 @@ def test_a_robot_that_stalls_while_backing_off_touches_what_it_drove_into(
     assert (state.touch.x > 0.0) is ahead
 
 
-def test_a_bumper_behind_is_reported_and_a_stuck_one_is_not(bench: Bench) -> None:
+def test_a_rear_bumper_counts_and_a_stuck_one_does_not(bench: Bench) -> None:
     bench.connect()
     for _ in range(LISTEN + 2):
         assert not bench.status(rear_bumpers=2).stalled
@@ -637,7 +639,7 @@ def test_a_robot_that_runs_up_turns_round_and_brakes_touches_nothing(
         assert not ready.status(left_m_s=v - w * half, right_m_s=v + w * half).stalled
 
 
-def test_corrupted_packets_are_counted_published_and_reported_now_and_then(ready: Bench) -> None:
+def test_invalid_data_is_counted_published_and_logged_at_a_limited_rate(ready: Bench) -> None:
     assert ready.state().line == Line()
     good = encode(encode_status(AT_REST, PROFILE.p2os))
     for _ in range(150):
@@ -649,14 +651,14 @@ def test_corrupted_packets_are_counted_published_and_reported_now_and_then(ready
     line = ready.state().line
     assert line.dropped >= 150 * (5 + len(good))
     assert min(line.mangled, line.malformed, line.absurd, line.resets) >= 149
-    texts = [text for text in ready.logs() if "bad checksums" in text]
-    assert len(texts) == 2
-    assert "odometry resets" in texts[-1]
-    assert ready.state().v == 0.0, "and absurd values are rejected"
+    logged = [text for text in ready.logs() if "bad checksums" in text]
+    assert len(logged) == 2
+    assert "odometry resets" in logged[-1]
+    assert ready.state().v == 0.0, "absurd reports are discarded"
 
 
-def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Bench) -> None:
-    """Each costs messages to all agents, and the stop has to wait for them."""
+def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) -> None:
+    """Each causes messages to all agents, and a stop has to wait for them."""
     before = sum(isinstance(m, RobotState) for _, m in ready.published)
     ready.command(0.3)
     began = ready.now
@@ -668,8 +670,8 @@ def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Be
         if ready.robot.wakeup is not None and ready.now >= ready.robot.wakeup:
             ready.robot.wake(ready.now)
             ready.take()
-    looked_at = sum(isinstance(m, RobotState) for _, m in ready.published) - before
-    assert looked_at <= 50 + 30 + 1
+    decoded = sum(isinstance(m, RobotState) for _, m in ready.published) - before
+    assert decoded <= 50 + 30 + 1
     assert ready.state().line.surplus > 4500
     assert ready.state().x > 0.79
     stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
@@ -714,7 +716,7 @@ def driven(ready: Bench) -> RobotState:
     return before
 
 
-def test_a_missing_port_is_awaited_and_reported_later_only() -> None:
+def test_a_missing_port_is_waited_for_and_reported_only_later() -> None:
     bench = Bench()
     bench.unplug()
     bench.let_pass(PATIENCE_S - 1.0)
@@ -751,7 +753,7 @@ def test_a_port_that_comes_back_is_closed_first_and_keeps_the_pose(ready: Bench)
 
 
 def test_what_the_robot_rolled_while_the_port_was_gone_is_part_of_the_way(ready: Bench) -> None:
-    """The controller has counted on, and counts as far as the earlier speeds explain it."""
+    """The controller has counted on, and counts as far as the speeds of before explain it."""
     before = driven(ready)
     ready.unplug()
     ready.now += 0.5
@@ -777,12 +779,12 @@ def test_odometry_that_has_wrapped_is_unwrapped_by_what_others_remember(bench: B
 
 
 @pytest.mark.parametrize("far", [1e6, 2e5, 1e5])
-def test_it_can_publish_its_odometry_from_any_restored_origin(far: float) -> None:
+def test_any_remembered_odometry_can_be_published(far: float) -> None:
     bench = Bench()
     try:
         bench.hand(checked(Origin(7, 1, 99, 0.0, 0.0, 0.0, far, -far, 0.0)))
     except MessageError:
-        return  # that was not published
+        return  # not logged
     for x in (-13.0, 0.0, 13.0):
         bench.x_m = x
         bench.connect().cycles(1)
@@ -814,16 +816,16 @@ def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:
 
 def test_it_describes_itself_at_once_and_each_second(bench: Bench) -> None:
     bench.connect().cycles(31)
-    published = [(at, m) for at, m in bench.published if isinstance(m, Description)]
-    assert [round(at, 2) for at, _ in published] == [0.1, 1.1, 2.1, 3.1]
-    (description,) = {m for _, m in published}
+    said = [(at, m) for at, m in bench.published if isinstance(m, Description)]
+    assert [round(at, 2) for at, _ in said] == [0.1, 1.1, 2.1, 3.1]
+    (description,) = {m for _, m in said}
     assert description == bench.robot.description()
     assert description.v_max == PROFILE.limits.v_max
     assert description.silence_s == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("forwards", [1.0, -1.0])
-def test_below_a_scenarios_limit_it_drives_the_same_arc_and_publishes_the_limit(
+def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_publishes_the_limit(
     forwards: float,
 ) -> None:
     limited = Bench(v_max=0.4).connect().cycles(10)
@@ -869,8 +871,8 @@ def test_a_command_for_another_resource_or_of_another_shape_moves_nothing(ready:
     ready.cycles(30)
     ready.hand(Command("wheels", ready.state().cycle, BALLOT, (0.3,)))
     ready.cycles(1)
-    texts = [text for text in ready.logs() if "commands refused" in text]
-    assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in texts)
+    logged = [text for text in ready.logs() if "commands refused" in text]
+    assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in logged)
 
 
 def test_its_card_promises_no_readings_of_sensors_that_it_has_not_got() -> None:

@@ -1,4 +1,4 @@
-"""Bytes cross every transport unchanged, and errors state what to do."""
+"""Bytes cross every transport unchanged, and errors have a remedy."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_tcp_carries_every_byte_both_ways(server: Server) -> None:
     assert far.recv(1) == b""
 
 
-def test_the_end_of_a_tcp_simulator_is_reported(server: Server) -> None:
+def test_tcp_reports_that_the_simulator_is_gone(server: Server) -> None:
     client = open_port(f"tcp://127.0.0.1:{server.port}")
     server.accept()
     server.close()
@@ -85,7 +85,7 @@ def test_the_end_of_a_tcp_simulator_is_reported(server: Server) -> None:
     client.close()
 
 
-def test_a_refused_tcp_connection_names_the_simulator(server: Server) -> None:
+def test_a_refused_tcp_connection_has_the_remedy(server: Server) -> None:
     server.close()
     with pytest.raises(TransportError, match="is the simulator running"):
         open_port(f"tcp://127.0.0.1:{server.port}")
@@ -171,7 +171,7 @@ def test_a_serial_port_in_use_is_reported() -> None:
     robot.close()
 
 
-def test_a_missing_port_names_the_adapter(tmp_path: Path) -> None:
+def test_a_missing_port_has_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match="plugged in"):
         open_port(f"serial://{tmp_path}/ttyUSB0")
 
@@ -192,7 +192,7 @@ def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("url", "wrong"),
+    ("url", "match"),
     [
         ("ttyUSB0", "none of .*serial"),
         ("udp://x", "none of .*tcp"),
@@ -201,8 +201,8 @@ def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyP
         ("tcp://", "names no host"),
     ],
 )
-def test_an_address_that_is_none_is_explained(url: str, wrong: str) -> None:
-    with pytest.raises(ValueError, match=wrong):
+def test_an_address_that_is_none_is_explained(url: str, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
         open_port(url)
 
 

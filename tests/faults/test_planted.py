@@ -95,7 +95,7 @@ def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
 
 
 def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(robot.Robot, "_insist", lambda self, left, right: None)
+    patch.setattr(robot.Robot, "_repeat_stop", lambda self, left, right: None)
     # The check of how the robot moves would order the stop again after a second.
     patch.setattr(robot.Robot, "_check_obedience", lambda self, report, ordered: None)
 
@@ -267,14 +267,14 @@ def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
 
 def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
     ignores_restored_states(patch)
-    went_on = Encoder._go_on
+    went_on = Encoder._continue
 
     def goes_on(self: Encoder, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         if self._known[0] == epoch:
             return went_on(self, origin, odometry, epoch)
         return self._begin((self.p.x, self.p.y, self.p.theta), odometry)
 
-    patch.setattr(Encoder, "_go_on", goes_on)
+    patch.setattr(Encoder, "_continue", goes_on)
 
 
 def remembers_no_origin(patch: pytest.MonkeyPatch) -> None:

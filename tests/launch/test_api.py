@@ -280,7 +280,7 @@ def test_a_run_that_fails_is_an_error_with_last_words_and_leaves_no_process(
     before = children()
     with pytest.raises(armadico.RunFailedError, match="did not answer") as caught:
         armadico.run(SHORT, namespace="api-run-test", robot="tcp://127.0.0.1:1")
-    assert "nobody listens there" in str(caught.value)
+    assert "is the simulator running" in str(caught.value)
     assert children() == before
 
 

@@ -77,7 +77,7 @@ def test_what_was_decoded_encodes_to_the_same_bytes(status: Status) -> None:
 
 
 @given(statuses)
-def test_the_short_status_of_p2os_has_the_same_fields(
+def test_p2os_own_short_form_is_equal_but_for_later_controllers_fields(
     sent: Status,
 ) -> None:
     payload = encode_status(sent, UNITS, short=True)

@@ -676,7 +676,7 @@ def test_a_laser_that_hangs_by_its_own_description_is_turned() -> None:
 def test_a_laser_that_is_tilted_is_not_heeded() -> None:
     line = looking(-0.032, types.Quaternion(y=0.1, w=0.995))
     assert line.report.scan is None
-    assert "the laser is not heeded: its frame laser is tilted, 11 deg" in line.notes[-1].text
+    assert "the laser is ignored: its frame laser is tilted, 11 deg" in line.notes[-1].text
 
 
 def test_the_base_is_the_frame_of_the_odometry() -> None:
@@ -741,7 +741,7 @@ def test_with_one_silent_sonar_no_readings_are_used_and_it_is_named() -> None:
     """Its sector does not count as free."""
     line = with_sonars([*ECHOES[:3], nan, *ECHOES[4:]], 3.0)
     assert line.report.echoes == ()
-    assert "the sonars are not heeded: no range of sonar_3 for 1.3 s" in [
+    assert "the sonars are ignored: no range of sonar_3 for 1.3 s" in [
         noted.text for noted in line.notes
     ]
 
