@@ -1,4 +1,4 @@
-"""What a program is told of a society: on the virtual mesh, by what is published there."""
+"""Answers to a program about a society on the virtual mesh."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def test_where_it_is_and_what_it_does(driven: tuple[Overheard, Society]) -> None
     json.dumps(found)
     later = society.where(overheard.mesh.now + 1.0)
     assert not later["heard"]
-    assert later["stop"]["stopped"] is None, "what it said last tells nothing of now"
+    assert later["stop"]["stopped"] is None, "the last report is out of date"
 
 
-def test_who_is_there(driven: tuple[Overheard, Society]) -> None:
+def test_the_agents_that_are_alive(driven: tuple[Overheard, Society]) -> None:
     agents = {row["agent"]: row for row in driven[1].who()["agents"]}
     assert {"robot", "encoder", "goto", "assistant"} <= agents.keys()
     assert agents["goto"]["competes_for"] == ["wheels"]
@@ -77,18 +77,16 @@ def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Overheard, S
     assert "#" not in "".join(found["picture"])
 
 
-def test_what_a_program_asked_for_is_history_with_its_text(
+def test_a_programs_request_is_in_the_history_with_its_text(
     driven: tuple[Overheard, Society],
 ) -> None:
     overheard, society = driven
-    said = [event["what"] for event in society.history(overheard.mesh.now, 200)["events"]]
-    assert 'model asked: goto {"x":1,"y":0}: it is passed on' in said
-    assert (
-        'model asked: goto {"x":1,"y":0}: refused, the robot is under way for somebody else' in said
-    )
-    assert "model asked: where {}: answered" in said
+    events = [event["what"] for event in society.history(overheard.mesh.now, 200)["events"]]
+    gotos = [event for event in events if 'model asked: goto {"x":1,"y":0}' in event]
+    assert ["refused" in event for event in gotos] == [False, True], "passed on, refused"
+    assert "model asked: where {}: answered" in events
     last = society.history(overheard.mesh.now, 1)["events"]
-    assert [event["what"] for event in last] == said[-1:]
+    assert [event["what"] for event in last] == events[-1:]
 
 
 def test_a_program_that_stops_it_is_named_as_the_reason_why_it_stands() -> None:
@@ -106,14 +104,14 @@ def test_a_program_that_stops_it_is_named_as_the_reason_why_it_stands() -> None:
     assert any("stopped by assistant: model" in text for text in society.moment()["sentences"])
 
 
-def test_of_nobody_nothing_is_known_and_that_is_said() -> None:
+def test_before_any_message_the_answers_are_empty() -> None:
     society = Society(None, {"rounds": "Three rounds"})
-    assert society.where(0.0) == {"heard": False, "note": "nothing is heard of a robot"}
-    assert "nothing is heard" in society.map()["note"]
+    assert not society.where(0.0)["heard"]
+    assert "picture" not in society.map()
     assert society.who() == {"agents": []}
     assert society.missions()["available"] == [{"name": "rounds", "title": "Three rounds"}]
     assert society.history(0.0, 40) == {"events": []}
-    assert society.moment() == {"note": "nothing is known of this moment"}
+    assert society.moment().keys() == {"note"}
     assert society.why(0.0)["stands"]
 
 
