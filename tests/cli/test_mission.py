@@ -100,8 +100,8 @@ WRONG = BRIEF.replace('"wait", seconds = 1', '"move", to = "R111"')
         (("mission", "run", "WRONG", "--virtual"), 2, ".toml:6: no place 'R111'"),
         (("mission", "run", "NOWHERE", "--virtual"), 2, "names no scenario"),
         (("mission", "run", "surveillance", "--virtual", "--without", "mission-planing"), 2, "did"),
-        (("mission", "cancel"), 2, "which mission"),
-        (("mission", "cancel", "x", "--all"), 2, "which mission"),
+        (("mission", "cancel"), 2, "--all"),
+        (("mission", "cancel", "x", "--all"), 2, "--all"),
     ],
 )
 def test_a_wrong_use_is_told_clearly(
@@ -131,12 +131,12 @@ def test_where_no_agent_has_missions_that_is_said() -> None:
         (None, "no alarms\n", []),
         (
             Board(1, 1, alarms=("R2", "R21"), unchecked=("R21",)),
-            "R2               checked\nR21              nobody has been there yet\n",
+            "R2               checked\nR21              not checked yet\n",
             [{"room": "R2", "checked": True}, {"room": "R21", "checked": False}],
         ),
     ],
 )
-def test_alarms_that_are_remembered_are_told_apart_from_missions(
+def test_alarms_are_listed_apart_from_missions(
     board: Board | None,
     text: str,
     rows: list[dict[str, object]],
