@@ -1,4 +1,4 @@
-"""End what `armadico up` keeps up on this machine, and what a run that was killed has left."""
+"""End the processes of `armadico up` on this machine, and those left by a killed run."""
 
 from __future__ import annotations
 
@@ -16,14 +16,11 @@ from armadico.mesh.topology import checked_namespace, default_namespace
 if TYPE_CHECKING:
     from armadico.launch.pidfile import Share
 
-PATIENCE_S: Final = 20.0
-"""What it may take until everything is down: a few seconds for each kind of process."""
+PATIENCE_S: Final = 20.0  # the timeout for all processes: a few seconds for each kind
 
-KILL_S: Final = 4.0
-"""What a process that was left may take to leave before it is killed."""
+KILL_S: Final = 4.0  # the time that an orphaned process has before it is killed
 
-LOOK_S: Final = 0.05
-"""How often it is looked whether it is."""
+POLL_S: Final = 0.05
 
 EXAMPLES: Final = """\
   armadico down
@@ -42,7 +39,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Have it end, and wait until it has; 0 also if there was nothing."""
+    """End all, and wait for it; also 0 if nothing was running."""
     from armadico.launch.pidfile import shares
 
     namespace = checked_namespace(args.namespace)
@@ -50,20 +47,20 @@ def run(args: Options) -> int:
         hosts = _hosts(args)
         found = [each for each in shares(namespace, args.host) if not hosts or each.host in hosts]
     except OSError as error:
-        raise FailedError(f"cannot look what is up: {error}") from None
+        raise FailedError(f"cannot list the running processes: {error}") from None
     whose = f"of {', '.join(hosts)} " if hosts else ""
     for share in found:
         _end(share)
     left = [] if hosts else _end_orphans(namespace)
     if left:
-        print(f"ended what a killed `armadico run` had left: {', '.join(left)}")
+        print(f"ended the processes left by a killed `armadico run`: {', '.join(left)}")
     elif not found:
         print(f"nothing {whose}is up on this machine in namespace {namespace!r}")
     return 0
 
 
 def _hosts(args: Options) -> list[str]:
-    """The hosts whose shares are meant; none: all. Raises ConfigError."""
+    """Return the selected hosts; empty: all. Raises ConfigError."""
     if args.hosts is None:
         return [args.host] if args.host else []
     from armadico.config.hosts import load_hosts
@@ -75,14 +72,14 @@ def _hosts(args: Options) -> list[str]:
 
 
 def _end_orphans(namespace: str) -> list[str]:
-    """End the processes of a run whose launcher is gone; their names, in the order of ending."""
+    """End the processes of a run whose launcher is gone; return their names in that order."""
     import psutil
 
     from armadico.launch.processes import SIMULATOR, orphans, owns_wheels
 
     found = orphans(namespace)
     ended: list[str] = []
-    for rank in range(3):  # behaviours let go, the robot stops, the simulator ends last
+    for rank in range(3):  # behaviours release, the robot stops, the simulator ends last
         group = [(n, p) for n, p in found if 2 * (n == SIMULATOR) + owns_wheels(n) == rank]
         for _, process in group:
             with suppress(psutil.Error):
@@ -97,7 +94,7 @@ def _end_orphans(namespace: str) -> list[str]:
 
 
 def _end(share: Share) -> None:
-    """Raises FailedError if it may not be ended, or does not end."""
+    """End a host's share. Raises FailedError if that is not permitted, or times out."""
     from armadico.launch.pidfile import PidFile
     from armadico.mesh.sockets import is_held
 
@@ -106,15 +103,15 @@ def _end(share: Share) -> None:
         with suppress(ProcessLookupError):
             os.kill(share.pid, signal.SIGTERM)
     except PermissionError:
-        raise FailedError(f"process {share.pid} of {share.host} belongs to somebody else") from None
+        raise FailedError(f"process {share.pid} of {share.host} belongs to another user") from None
     deadline = time.monotonic() + PATIENCE_S
     while is_held(path):
         if time.monotonic() >= deadline:
             raise FailedError(
-                f"{share.host} is not down after {PATIENCE_S:.0f} s; look at process {share.pid},"
+                f"{share.host} is not down after {PATIENCE_S:.0f} s; check process {share.pid},"
                 f" its logs are in {share.logs}"
             )
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     print(f"{share.host} is down: {', '.join(share.agents)}")
 
 
@@ -122,8 +119,8 @@ main: Final = Command(
     "armadico down",
     Options,
     run,
-    "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"
-    " machines' shares are theirs. What an `armadico run` has left that was killed ends, too;"
-    " agents that were started by hand do not.",
+    "End the processes of `armadico up` on this machine: the agents release their resources, and"
+    " the robot stops. Other machines are not affected. Processes left by a killed `armadico run`"
+    " end, too; agents that were started by hand do not.",
     EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""The messages of monitor and wakeup agents: which agents are alive, and who restarts which."""
+"""The messages of monitor and wakeup agents: processes of hosts, and orders to restart them."""
 
 from __future__ import annotations
 
@@ -12,44 +12,43 @@ from armadico.core.services import query, state
 
 
 class KeptState(StrEnum):
-    """What a process is doing, by the word of the one who started it."""
+    """The state of a process, as its host reports it."""
 
     STARTING = "starting"
     UP = "up"
-    WAITING = "waiting"  # it has ended, and is started again by its host
-    ENDED = "ended"  # as somebody asked, and is not started again
+    WAITING = "waiting"  # it has ended, and its host will restart it
+    ENDED = "ended"  # on request; it is not restarted
 
 
 class Kept(Message, frozen=True):
-    """One process of a host: the agents that live in it, and how it is."""
+    """One process of a host: its agents and its state."""
 
     agents: tuple[Name, ...]
     state: KeptState
-    pid: Counter = 0  # 0: there is none now
-    lent: bool = False  # started on request, in place of a host that is gone
-    why: Text = ""  # it waits or has ended
+    pid: Counter = 0  # 0: there is no process now
+    lent: bool = False  # started on request, instead of a host that is gone
+    why: Text = ""  # why it waits or has ended
 
 
 class HostShare(Message, frozen=True):
-    """What a host keeps up, and what it could: its wakeup agent's word (thesis 3.8.3).
+    """The processes that a host keeps running, as its wakeup agent reports them (thesis 3.8.3).
 
-    `needs` are the agents of the whole society that what was asked for cannot do without, those of
-    other hosts too. A host that leaves in order says so: what it kept up is then missed by nobody.
-    `load` tells whoever waits for its agents how much longer everything takes there.
+    `needs` are the agents of the whole society that the requested run depends on, those of other
+    hosts included. A host that leaves in order reports so: its agents are then not missed. All
+    timeouts for a host's agents grow with its `load`.
     """
 
     instance: Name  # of the wakeup agent
     host: Text
     kept: tuple[Kept, ...]
-    can: tuple[Name, ...] = ()  # agents that it would start besides, if asked to
+    can: tuple[Name, ...] = ()  # further agents that it would start on request
     needs: tuple[Name, ...] = ()
     leaving: bool = False
-    load: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
-    """Runnable processes per core, on average over the last minute; 0: not known."""
+    load: Annotated[float, Meta(ge=0, le=1e6)] = 0.0  # runnable processes per core; 0: unknown
 
 
 class WakeupOrder(StrEnum):
-    """What a wakeup agent can be asked for."""
+    """An order to a wakeup agent."""
 
     START = "start"
     RESTART = "restart"
@@ -57,23 +56,23 @@ class WakeupOrder(StrEnum):
 
 
 class WakeupRequest(Message, frozen=True):
-    """Asks a host's wakeup agent to start an agent, to end it, or to kill and start it again.
+    """Orders a host's wakeup agent to start an agent, to end it, or to kill and restart it.
 
-    `pid` is the process that hangs: if another is there by now, nothing is done, and that is no
-    refusal. So however many ask, it is restarted once.
+    `pid` is the process that hangs. If it has been replaced already, nothing is done, and that is
+    no refusal. So several orders restart it once.
     """
 
     order: WakeupOrder
     agent: Name
-    pid: Counter = 0  # 0: whichever it is
+    pid: Counter = 0  # 0: any process
     why: Text = ""
 
 
 class WakeupReply(Message, frozen=True):
-    """Whether it is done, or why not."""
+    """Whether the order is executed, or the reason of its refusal."""
 
     refusal: Text = ""
 
 
-state(HostShare, "wakeup/{instance}/share", 1, None, "what a host keeps up, and could")
+state(HostShare, "wakeup/{instance}/share", 1, None, "processes of a host; agents it can start")
 query(WakeupRequest, "wakeup/{instance}", WakeupReply, "start, restart or end an agent on a host")

@@ -1,22 +1,22 @@
-"""The monitor agent (thesis 3.8.2): has who hangs restarted, who is gone started elsewhere.
+"""The monitor agent (thesis 3.8.2): has hung agents restarted, and lost ones started elsewhere.
 
-It watches three things: liveliness tokens; the cards of those who say nothing else; and what each
-agent promises by the table of services, for a process that hangs keeps its token for a while, and
-one whose agent hangs keeps it for good.
+It observes three things: liveliness tokens, the cards of agents that are otherwise silent, and the
+publications that the table of services promises. The last is needed because a hung process keeps
+its token for a while, and one whose agent hangs keeps it for good.
 
-It asks for a restart only on evidence that one agent is at fault. An agent is late only with a key
+It orders a restart only on evidence that one agent is at fault. An agent is late only with a key
 that this instance has published regularly, because some agents publish only sometimes what their
 card provides. All limits grow with the load that a host reports. If most processes of a host are
 silent at once, the machine is slow or disconnected, and none of them is restarted. Restarts have a
 budget per host.
 
-It starts no process: it asks the wakeup agents of hosts (`armadico.agents.supervision.wakeup`),
-which restart an agent that has ended without being asked. So what one of them
-looks after is left to it, and a monitor has nothing to do but with who hangs, and whose host is
-gone. It decides nothing about who drives; when the society cannot be whole it latches the stop.
+It starts no process itself. The wakeup agents of hosts (`armadico.agents.supervision.wakeup`)
+execute its orders, and restart ended agents without an order. So the monitor handles only hung
+agents and lost hosts. It does not decide which agent drives. If the society cannot be completed, it
+latches the stop.
 
-Several monitors watch each other as they watch everybody. The one that has been at work for longest
-acts. Two that both believe so do no harm: a wakeup agent restarts a process once, whoever asks.
+Several monitors observe each other like all agents. The one with the longest tenure acts. Two that
+act at the same time do no harm: a wakeup agent restarts a process once.
 """
 
 from __future__ import annotations
@@ -56,82 +56,75 @@ from armadico.mobile.obstacles import Obstacles
 
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
 
-LOOK_S: Final = 0.25
-"""How often it looks."""
+CHECK_S: Final = 0.25  # the period of checks
 
-REPORT_S: Final = 1.0
-"""How often it publishes what it sees, as the table of services has it."""
+REPORT_S: Final = 1.0  # the period of its report in the table of services
 
-PROBE_S: Final = 1.0
-"""Who has said nothing for so long is asked for its card."""
+PROBE_S: Final = 1.0  # an agent that is silent for longer is queried for its card
 
-FEW: Final = 5
-"""So many publications are missed before a service is late, and `late_s` besides."""
+FEW: Final = 5  # a service is late after this number of missed publications plus `late_s`
 
+# For this time after a restart an agent's limit is doubled, and doubled again at the next restart:
+# a restart adds to the load of a slow machine.
 PATIENT_S: Final = 120.0
-"""Who was restarted so lately, s, may be late for twice as long, and twice again: where a machine
-has too much to do, a restart is more of it."""
 
-PATIENT: Final = 3
-"""Doublings at the most."""
+PATIENT: Final = 3  # doublings at most
 
+# A monitor that wakes up later than this has hung itself, and judges no agent by the missing
+# messages.
 SLEPT_S: Final = 0.5
-"""Who is woken so much too late has hung itself, and judges nobody by what it has not heard."""
 
-MOVES: Final = 0.01
-"""m/s or rad/s: a robot that is faster is not at rest."""
+MOVES: Final = 0.01  # m/s or rad/s: a faster robot is not at rest
 
-PAUSE_MOST_S: Final = 60.0
-"""A longer pause in what a key provides teaches no more than this."""
+PAUSE_MOST_S: Final = 60.0  # the longest pause of a key that counts as its habit
 
+# An agent that falls silent this soon after another may lack that one's messages.
 FOLLOWS_S: Final = 3.0
-"""Who falls silent so soon after another may lack what that one provided."""
 
-SEVERAL: Final = 2
-"""With fewer silent processes than this, it is not the machine."""
+SEVERAL: Final = 2  # with fewer silent processes the machine is not at fault
 
+# The state messages that one agent publishes at a promised rate on a key.
 WATCHED: Final = tuple(
     service.message
     for service in services()
     if service.kind is Kind.STATE and service.rate_hz and not service.watchers_only
     if "{" not in service.key.replace("{name}", "")
 )
-"""What is promised so many times a second, by one agent on a key."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """How long is waited for what."""
+    """Timeouts, and the budget of restarts."""
 
-    lost_s: Seconds = 2.0  # its token is gone and its process is not: it hangs
-    hung_s: Seconds = 5.0  # it has answered nothing for so long
-    late_s: Seconds = 3.0  # a service it provides is late by this
-    gone_s: Seconds = 3.0  # nobody looks after an agent that is needed: another host is asked
-    first_s: Seconds = 60.0  # the same, and nobody ever has: its host may yet be switched on
-    trust_s: Seconds = 10.0  # somebody does, and it is not back: another host is asked, too
-    again_s: Seconds = 5.0  # until the same is asked for again
-    refused_s: Seconds = 30.0  # until a host that has refused is asked again
-    host_s: Seconds = 5.0  # a host's wakeup agent has said nothing: nothing is asked of it
-    whole_s: Seconds = 20.0  # then the robot is stopped
+    lost_s: Seconds = 2.0  # a process without a token hangs after this time
+    hung_s: Seconds = 5.0  # an agent without any answer hangs after this time
+    late_s: Seconds = 3.0  # an agent whose service is late by more hangs
+    gone_s: Seconds = 3.0  # until another host is ordered to start a needed agent without a host
+    first_s: Seconds = 60.0  # the same if it was never there: its host may still be off
+    trust_s: Seconds = 10.0  # the same if its host keeps it running, but it does not return
+    again_s: Seconds = 5.0  # until an order is repeated
+    refused_s: Seconds = 30.0  # until an order is repeated to a host that has refused it
+    host_s: Seconds = 5.0  # a host whose wakeup agent is silent for longer gets no orders
+    whole_s: Seconds = 20.0  # the robot is stopped if the society is incomplete for longer
     machine_s: Seconds = 30.0  # how long most processes of a host may be silent at once
-    restarts: Annotated[int, Meta(ge=0, le=1000)] = 5  # of one host's agents at most, within
+    restarts: Annotated[int, Meta(ge=0, le=1000)] = 5  # of one host's agents within `within_s`
     within_s: Seconds = 60.0
 
 
 @dataclass
 class _Known:
-    """One instance whose token is there."""
+    """One instance with a token."""
 
     name: str
     instance: str
-    since: float  # when its token was first seen,
-    answered_at: float  # and when it last said anything
+    since: float  # when its token was first seen
+    answered_at: float  # when a message or answer was last received
     card: Card | None = None
-    asked: bool = False
+    queried: bool = False
 
 
 @dataclass
 class _Habit:
-    """How regularly one key is published."""
+    """The regularity of one key's publications."""
 
     begun: float  # when the present sequence without a gap began
     last: float  # when it was last received
@@ -139,18 +132,18 @@ class _Habit:
 
 
 @dataclass
-class _Asked:
-    """What was asked of hosts, when, and what came of it."""
+class _Orders:
+    """The orders to hosts, and their results."""
 
     at: dict[tuple[WakeupOrder, str, int], float] = field(default_factory=dict)
     refused: dict[tuple[str, str], tuple[float, str]] = field(default_factory=dict)  # until, why
-    restarted: dict[str, tuple[int, float]] = field(default_factory=dict)  # on end, and last when
+    restarted: dict[str, tuple[int, float]] = field(default_factory=dict)  # count in a row, last
     spent: dict[str, deque[float]] = field(default_factory=dict)  # by host, restarts
 
     def may(
         self, p: Parameters, order: WakeupOrder, name: str, host: str, pid: int, now: float
     ) -> bool:
-        """Whether it was not asked lately; it is now."""
+        """Return whether an order was not given lately, and record it."""
         self.at = {key: at for key, at in self.at.items() if now - at < p.again_s}
         if (order, name, pid) in self.at:
             return False
@@ -161,26 +154,25 @@ class _Asked:
         return True
 
     def affords(self, p: Parameters, host: str, now: float) -> bool:
-        """Whether a host's budget has one more restart."""
+        """Return whether a host's budget has one more restart."""
         spent = self.spent.setdefault(host, deque())
         return Budget(p.restarts, p.within_s).left(spent, now) > 0
 
     def often(self, name: str, now: float) -> int:
-        """How often an agent was restarted, each time soon after the time before."""
+        """Return the number of an agent's restarts in quick succession."""
         often, at = self.restarted.get(name, (0, -inf))
         return often if now - at < PATIENT_S else 0
 
     def has_refused(self, share: HostShare, name: str, now: float) -> bool:
-        """Whether a host has refused an agent, and is not to be asked for it again yet."""
+        """Return whether a host has refused an agent, and is not yet to be queried again."""
         return now < self.refused.get((share.host, name), (-inf, ""))[0]
 
 
-_Process = tuple[str, str, int]
-"""An agent of a host's process: the wakeup agent's instance, the agent's name, and the pid."""
+_Process = tuple[str, str, int]  # the wakeup agent's instance, the agent's name, the pid
 
 
 class Monitor(Agent):
-    """Looks after the society; sans-IO, as everybody."""
+    """Observes the society, and orders restarts; sans-IO."""
 
     name = "monitor"
     hears: ClassVar[tuple[type[Message], ...]] = (*WATCHED, HostShare, MonitorReport, Trajectory)
@@ -194,31 +186,31 @@ class Monitor(Agent):
         self._known: dict[str, _Known] = {}
         self._shares: dict[str, tuple[HostShare, float]] = {}  # by wakeup agent, and when it came
         self._needs: dict[str, tuple[str, ...]] = {}  # by host, also of those that are gone
-        self._had: set[str] = set()  # who was well once, or looked after
-        self._dismissed: set[str] = set()  # kept by a host that has left in order
-        self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
+        self._had: set[str] = set()  # agents that once were alive or kept running by a host
+        self._dismissed: set[str] = set()  # agents of hosts that have left in order
+        self._others: dict[str, tuple[int, float]] = {}  # other monitors: more tenure, received
         self._habits: dict[str, _Habit] = {}  # by key
-        self._unseen: dict[_Process, float] = {}  # up, and without a token, since when
+        self._unseen: dict[_Process, float] = {}  # up, but without a token, since when
         self._resumed_at = 0.0  # when the robot's cycles came after a time without any
         self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
-        self._lacking: dict[str, float] = {}  # who is needed and not well, since when
-        self._orders = _Asked()
+        self._lacking: dict[str, float] = {}  # needed agents that are missing or hung, since when
+        self._orders = _Orders()
         self._slow: dict[str, float] = {}  # hosts with most processes silent, since when
         self._stopped_for: set[str] = set()
-        self._look_at = self._report_at = 0.0
+        self._check_at = self._report_at = 0.0
         self._note = ""
-        self._said: tuple[bool, tuple[str, ...], str] | None = None
+        self._reported: tuple[bool, tuple[str, ...], str] | None = None
 
-    # What it hears -------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Begin to look."""
+        """Begin to check."""
         self._floor = self.now
-        self._look_at = self.now + LOOK_S
-        self.wake_at(self._look_at)
+        self._check_at = self.now + CHECK_S
+        self.wake_at(self._check_at)
 
     def receive(self, message: Message, now: float) -> None:
-        """Take one, and note when it came if it may be acted upon."""
+        """Receive a message, and record its time if it is valid."""
         if isinstance(message, RobotState) and not self.cycles.alive(now):
             self._resumed_at = now  # the robot was off: its agents had nothing to publish
         super().receive(message, now)
@@ -238,29 +230,29 @@ class Monitor(Agent):
         habit.last = self.now
 
     def on_appeared(self, name: str, instance: str) -> None:
-        """Somebody has joined, or has come back."""
+        """Add an agent that has joined or returned."""
         self._known[instance] = _Known(name, instance, self.now, self.now)
         self._has_changed()
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        """A token has gone: it has ended, or it hangs, or cannot be heard."""
+        """Remove an agent whose token is gone: it has ended, hangs, or is disconnected."""
         for about in (self._known, self._shares, self._others):
             about.pop(instance, None)
         self._has_changed()
 
     def _has_changed(self) -> None:
-        """Have nothing be late before now, but not because of one token that flaps all the time."""
+        """Restart the timers of late services, but not for one token that flaps all the time."""
         if self.now - self._floor >= 2.0 * self.p.late_s:
             self._floor = self.now
 
     def on_met(self, card: Card) -> None:
-        """Somebody has given its card."""
+        """Store an agent's card."""
         known = self._known.get(card.instance)
         if known is not None:
             known.card, known.answered_at = card, self.now
 
     def on_host_share(self, share: HostShare) -> None:
-        """What a host keeps up: who is looked after there need not be missed, or is no more."""
+        """Process a host's report: which agents it keeps running, needs, or has dismissed."""
         self._vouch(share.instance)
         agents = {name for kept in share.kept for name in kept.agents}
         if share.leaving:
@@ -276,7 +268,7 @@ class Monitor(Agent):
         self._dismissed |= ended
 
     def on_monitor_report(self, report: MonitorReport) -> None:
-        """Another monitor is at work."""
+        """Update the tenure of another monitor."""
         self._vouch(report.instance)
         self._others[report.instance] = (report.tenure - self._tenure, self.now)
 
@@ -285,14 +277,14 @@ class Monitor(Agent):
         if known is not None:
             known.answered_at = self.now
 
-    # What it does --------------------------------------------------------------------------------
+    # Checks --------------------------------------------------------------------------------------
 
     def on_wakeup(self) -> None:
-        """Look at everybody, and do something about it if it is the one that acts."""
-        if self.now - self._look_at > SLEPT_S or not self.reachable:
+        """Check all agents, and order restarts if this monitor is the one that acts."""
+        if self.now - self._check_at > SLEPT_S or not self.reachable:
             self._slept()
-        self._look_at = self.now + LOOK_S
-        self.wake_at(self._look_at)
+        self._check_at = self.now + CHECK_S
+        self.wake_at(self._check_at)
         self._probe()
         unseen = self._look_for_tokens()
         unwell = {known.instance: why for known, why in self._unwell()}
@@ -302,18 +294,18 @@ class Monitor(Agent):
                 self._restart(self._process_of(self._known[instance]), f"{instance}: {why}")
             for process in unseen:
                 self._restart(process, f"its token has been gone for {self.p.lost_s:g} s")
-            busy: set[str] = set()  # asked at this look; the next one sees what they have by then
+            busy: set[str] = set()  # hosts with an order in this check
             for name, since in self._lacking.items():
                 self._replace(name, self.now - since, busy)
             self._stop()
         self._report()
 
     def on_router(self) -> None:
-        """Cut off, it hears nobody: that is no fault of theirs."""
+        """Restart all timers after a disconnection: missing messages were no agent's fault."""
         self._slept()
 
     def _slept(self) -> None:
-        """Whatever was not heard meanwhile is no fault of the others."""
+        """Restart all timers: missing messages were no agent's fault."""
         self._floor = self.now
         for known in self._known.values():
             known.answered_at = self.now
@@ -342,10 +334,10 @@ class Monitor(Agent):
     def _tenure(self) -> int:
         return min(self.tenure, LONGEST_TENURE)
 
-    # Who is well ---------------------------------------------------------------------------------
+    # Health --------------------------------------------------------------------------------------
 
     def _process_of(self, known: _Known) -> _Process | None:
-        """Which process an instance is, by its card; without one, the only one that it can be."""
+        """Return the process of an instance by its card; without one, the only possible one."""
         cards = {(k.card.host, k.card.pid) for k in self._known.values() if k.card is not None}
         card = known.card
         found = [
@@ -362,7 +354,7 @@ class Monitor(Agent):
         return found[0] if len(found) == 1 else None
 
     def _look_for_tokens(self) -> list[_Process]:
-        """The agents whose process is up by the word of its host, and whose token is gone."""
+        """Return the agents whose process is up as its host reports, but whose token is gone."""
         gone = [
             (share.instance, name, kept.pid)
             for share in self._hosts()
@@ -380,7 +372,7 @@ class Monitor(Agent):
         ]
 
     def _judge_hosts(self) -> None:
-        """Note the hosts most of whose processes are silent at once: that is no agent's fault."""
+        """Detect hosts with most processes silent at once: that is no agent's fault."""
         half = 0.5 * self.p.hung_s
         quiet = {
             (k.card.host, k.card.pid)
@@ -401,46 +393,46 @@ class Monitor(Agent):
                         " the machine is slow or disconnected, none is restarted"
                     )
                     self.log(self._note, WARNING)
-        for process in self._unseen:  # the last of a host come back a little after the first
+        for process in self._unseen:  # the last agents of a host return a little after the first
             host = self._shares[process[0]][0].host
             if host in slow and host not in self._slow:
                 self._unseen[process] = self.now
 
     def _patience(self, host: str) -> float:
-        """By how much the limits of a host's agents are multiplied."""
+        """Return the factor on the limits of a host's agents."""
         if host in self._slow and self.now - self._slow[host] < self.p.machine_s:
             return inf
         loads = [share.load for share, _ in self._shares.values() if share.host == host]
         return slower(max(loads, default=0.0))
 
     def _sees(self, name: str, host: str, pid: int) -> bool:
-        """Whether the token of a process's agent is there, or one that may be it."""
+        """Return whether the token of a process's agent is there, or one that may be its."""
         if (host, pid) == (self.identity.host, self.identity.pid):
-            return True  # nobody sees one's own
+            return True  # an agent does not see its own token
         return any(
             k.name == name and (k.card is None or (k.card.host, k.card.pid) == (host, pid))
             for k in self._known.values()
         )
 
     def _hosts(self) -> list[HostShare]:
-        """The hosts that can be asked, by name."""
+        """Return the hosts that can be queried, by name."""
         heard = (s for s, at in self._shares.values() if self.now - at <= self.p.host_s)
         return sorted(heard, key=lambda share: (share.host, share.instance))
 
     def _probe(self) -> None:
-        """Ask those for their cards who have said nothing for a while."""
+        """Query agents that have been silent for a while for their cards."""
         for key, _, providers in self._promised():
             habit = self._habits.get(key)
             if len(providers) == 1 and habit is not None and self.now - habit.last < PROBE_S:
                 providers[0].answered_at = habit.last
         for known in list(self._known.values()):
             silent = self.now - known.answered_at >= PROBE_S or known.card is None
-            if silent and not known.asked:
-                known.asked = True
-                self.ask_card(known.name, known.instance, _answered(self, known), PROBE_S)
+            if silent and not known.queried:
+                known.queried = True
+                self.ask_card(known.name, known.instance, _on_card(self, known), PROBE_S)
 
     def _promised(self) -> Iterator[tuple[str, float, list[_Known]]]:
-        """The keys on which something is promised, how often, and who of those alive does so."""
+        """Yield the keys with a promised rate, the rate, and the agents that provide them."""
         for service in map(service_of, WATCHED):
             providers: dict[str, list[_Known]] = {}
             for known in self._known.values():
@@ -451,7 +443,7 @@ class Monitor(Agent):
                 yield key, service.rate_hz or 1.0, those
 
     def _unwell(self) -> Iterator[tuple[_Known, str]]:
-        """Whose token is there, and who hangs, and how that shows."""
+        """Yield the agents with a token that hang, and the evidence."""
         for known in self._known.values():
             silent_s = self.now - known.answered_at
             host = "" if known.card is None else known.card.host
@@ -460,12 +452,12 @@ class Monitor(Agent):
         yield from self._late()
 
     def _late(self) -> Iterator[tuple[_Known, str]]:
-        """Who provides what is late; of several that are, who fell silent first.
+        """Yield the agent whose service is late; of several, the one that fell silent first.
 
-        The others may only lack what that one provides, and get the time to go on with it.
+        The others may only lack its messages, and get time to resume.
         """
         if not self.cycles.alive(self.now):
-            return  # then nobody has anything to say
+            return  # without the robot's cycles no agent has anything to publish
         late = [
             (habit.last, known.instance, key, by, self._regular(habit, known, rate_hz))
             for key, rate_hz, providers in self._promised()
@@ -484,18 +476,18 @@ class Monitor(Agent):
             before = last
 
     def _regular(self, habit: _Habit, known: _Known, rate_hz: float) -> bool:
-        """Whether this instance has published a key long enough to expect it from it."""
+        """Return whether this instance has published a key long enough to expect it."""
         lasted_s = habit.last - max(habit.begun, known.since)
         return lasted_s >= max(self.p.late_s, 2.0 / rate_hz)
 
     def _late_s(self, known: _Known) -> float:
-        """How late an agent may be."""
+        """Return how late an agent may be, s."""
         host = "" if known.card is None else known.card.host
         doubled = 2 ** min(self._orders.often(known.name, self.now), PATIENT)
         return float(self.p.late_s * doubled * self._patience(host))
 
     def _miss(self, unwell: Container[str]) -> None:
-        """Note who is needed, and not there or not well."""
+        """Update the needed agents that are missing or hung."""
         well = {known.name for known in self._known.values() if known.instance not in unwell}
         self._had |= well
         needed = {name for names in self._needs.values() for name in names} - self._dismissed
@@ -504,12 +496,12 @@ class Monitor(Agent):
         if not missing:
             self._stopped_for.clear()
 
-    # What it asks for ----------------------------------------------------------------------------
+    # Orders --------------------------------------------------------------------------------------
 
     def _restart(self, process: _Process | None, why: str) -> None:
-        """Have who hangs killed; it is started again as whoever ends."""
+        """Order that a hung process is killed; its host restarts it."""
         if process is None:
-            return  # nobody looks after it
+            return  # no host keeps it running
         keeper, name, pid = process
         share, _ = self._shares[keeper]
         if self._orders.has_refused(share, name, self.now):
@@ -524,7 +516,7 @@ class Monitor(Agent):
             self.log(note, WARNING)
 
     def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
-        """Have somebody who is needed started where it can be, if nobody looks after it."""
+        """Order the start of a needed agent on another host, if no host keeps it running."""
         if missed_s < (self.p.gone_s if name in self._had else self.p.first_s):
             return
         hosts = self._hosts()
@@ -569,15 +561,15 @@ class Monitor(Agent):
         request = WakeupRequest(order, name, pid, line(why))
         self.ask(request, answered, instance=share.instance)
 
-    # When it cannot be whole ---------------------------------------------------------------------
+    # The stop ------------------------------------------------------------------------------------
 
     def _stop(self) -> None:
-        """Latch the stop, once, if somebody is missed for too long while the robot is at it."""
+        """Latch the stop once if a needed agent is missing for too long while the robot drives."""
         missed = [n for n, since in self._lacking.items() if self.now - since >= self.p.whole_s]
-        if not missed or not self._at_it or self.stopped is not None:
+        if not missed or not self._driving or self.stopped is not None:
             return
         if self._stopped_for.issuperset(missed):
-            return  # people have released it, and know
+            return  # people have released the stop in spite of it
         self._stopped_for.update(missed)
         text = f"monitor: no {', '.join(missed)} for {self.p.whole_s:g} s"
         reasons = [why for name in missed if (why := self._why(name))]
@@ -586,41 +578,41 @@ class Monitor(Agent):
         self.latch(line(text)[:LABEL])
 
     @property
-    def _at_it(self) -> bool:
-        """Whether the robot moves, or is to."""
+    def _driving(self) -> bool:
+        """Whether the robot moves, or has a trajectory."""
         state, way = self.latest(RobotState), self.memory.newest(Trajectory)
         if state is None or not self.cycles.alive(self.now):
-            return False  # nothing is heard of it: it may be this one that is cut off
+            return False  # without its cycles, this monitor may be the disconnected one
         return max(abs(state.v), abs(state.w)) > MOVES or bool(way is not None and way.waypoints)
 
     def _why(self, name: str) -> str:
-        """Why it is not there, by the word of hosts."""
+        """Return why an agent is missing, as hosts report it."""
         for share in self._hosts():
             for kept in share.kept:
                 if name in kept.agents and kept.why:
                     return f"{share.host}: {kept.why}"
-        told = [why for (_, who), (_, why) in self._orders.refused.items() if who == name]
-        return told[-1] if told else "" if self._hosts() else "no host can be asked"
+        refusals = [why for (_, n), (_, why) in self._orders.refused.items() if n == name]
+        return refusals[-1] if refusals else "" if self._hosts() else "no host can be asked"
 
-    # Telling -------------------------------------------------------------------------------------
+    # Reports -------------------------------------------------------------------------------------
 
     def _report(self) -> None:
-        """Publish what it sees, now and then and when that changes."""
-        said = (self._acts, tuple(self._lacking), self._note)
-        if self.now < self._report_at and said == self._said:
+        """Publish the state regularly and on changes."""
+        report = (self._acts, tuple(self._lacking), self._note)
+        if self.now < self._report_at and report == self._reported:
             return
-        if self._said is not None and not self._lacking and self._said[1]:
-            self.log(f"the society is whole again: {', '.join(self._said[1])}", INFO)
-        self._said, self._report_at = said, self.now + REPORT_S
-        acts, missing, note = said
+        if self._reported is not None and not self._lacking and self._reported[1]:
+            self.log(f"the society is whole again: {', '.join(self._reported[1])}", INFO)
+        self._reported, self._report_at = report, self.now + REPORT_S
+        acts, missing, note = report
         self.publish(MonitorReport(self.instance, self._tenure, acts, missing, note))
 
 
-def _answered(monitor: Monitor, known: _Known) -> Any:
-    """What takes the answer to a query for a card."""
+def _on_card(monitor: Monitor, known: _Known) -> Any:
+    """Return the callback of a query for a card."""
 
     def answered(card: Card | None) -> None:
-        known.asked = False
+        known.queried = False
         if card is not None and card.instance == known.instance:
             monitor.on_met(card)
 
@@ -628,5 +620,5 @@ def _answered(monitor: Monitor, known: _Known) -> Any:
 
 
 def _load(kept: tuple[Kept, ...]) -> int:
-    """How many agents a host has."""
+    """Return the number of a host's agents."""
     return sum(len(process.agents) for process in kept)

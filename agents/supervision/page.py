@@ -1,4 +1,4 @@
-"""Supervision on the control page: processes that hosts keep up, restarts and starts (sans-IO)."""
+"""Supervision on the control page: processes of hosts, restarts and starts (sans-IO)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from armadico.gateways.page.part import Desk, Part
 from armadico.gateways.page.requests import Asked, RequestError, Start
 from armadico.observe.pictures import colour
 
-SHARE_S: Final = 5.0
-"""A host whose report is older than this keeps no process up."""
+SHARE_S: Final = 5.0  # a host's report that is older is stale
 
 
 class Restart(Asked, frozen=True, tag="restart"):
@@ -32,7 +31,7 @@ class Restart(Asked, frozen=True, tag="restart"):
 
 
 class _KeptAgent(NamedTuple):
-    """An agent that a host keeps up."""
+    """An agent that a host keeps running."""
 
     agent: str
     process: Kept
@@ -40,7 +39,7 @@ class _KeptAgent(NamedTuple):
 
 
 class Processes(Part):
-    """What the wakeup agents report, and orders to them: no other agent may end a process."""
+    """Shows the reports of wakeup agents, and orders restarts: no other agent may end a process."""
 
     requests = (Restart,)
 
@@ -49,14 +48,12 @@ class Processes(Part):
         self._shares: dict[str, tuple[HostShare, float]] = {}
 
     def request(self, browser: str, request: Restart, t: float) -> None:
-        """Restart an agent."""
         agent = request.agent
         kept = (each for each in self._kept(t) if each.agent == agent)
         chosen = next((each for each in kept if each.process.pid == request.pid), None)
         if chosen is None:
             raise RequestError(
-                f"nobody keeps {agent} up, so nobody would start it again: that is done by"
-                " `armadico up`"
+                f"no host keeps {agent} running, so none would restart it: use `armadico up`"
             )
         why = f"asked by {browser}"
         order = WakeupRequest(WakeupOrder.RESTART, agent, chosen.process.pid, why)
@@ -64,23 +61,23 @@ class Processes(Part):
         self.desk.query(browser, request.id, order, lambda _: f"{agent} is restarted", key=key)
 
     def receive(self, key: str, message: Message, t: float) -> None:
-        """A host's report; a host is queried by the name in it, so that must be its key's."""
+        """Process a host's report if its key has its name: the host is queried by that name."""
         if not isinstance(message, HostShare):
             return
         if key == service_of(HostShare).key_for(instance=message.instance):
             self._shares[message.instance] = (message, t)
 
     def on_token(self, instance: str, *, there: bool) -> None:
-        """Forget a wakeup agent that has ended."""
+        """Remove a wakeup agent that has ended."""
         if not there:
             self._shares.pop(instance, None)
 
     def startable(self, t: float) -> Collection[str]:
-        """The agents that a host would start."""
+        """Return the agents that a host would start."""
         return {name for share in self._fresh(t) for name in share.can}
 
     def start(self, browser: str, request: Start, t: float) -> None:
-        """Ask the last host that reported it."""
+        """Order the start from the last host that reported it."""
         agent = request.agent
         share = [share for share in self._fresh(t) if agent in share.can][-1]
         order = WakeupRequest(WakeupOrder.START, agent, 0, f"asked by {browser}")
@@ -88,7 +85,7 @@ class Processes(Part):
         self.desk.query(browser, request.id, order, lambda _: f"{agent} is started", key=key)
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """Mark the agents that a host keeps up, and add those of them that are not alive."""
+        """Mark the agents that a host keeps running, and add those that are not alive."""
         kept = {(each.agent, each.process.pid): each for each in self._kept(t)}
         rows = parts["agents"]
         for row in rows:
@@ -106,7 +103,7 @@ class Processes(Part):
                 yield share
 
     def _kept(self, t: float) -> Iterator[_KeptAgent]:
-        """The agents that hosts keep up, alive or not."""
+        """Yield the agents that hosts keep running, alive or not."""
         for share in self._fresh(t):
             for process in share.kept:
                 if process.state is not KeptState.ENDED:

@@ -1,12 +1,12 @@
-"""The wakeup agent (thesis 3.8.3): starts a host's agents, and again who ends, or is said to hang.
+"""The wakeup agent (thesis 3.8.3): starts a host's agents, and restarts them if they end or hang.
 
-Sans-IO: its device is the machine, a port on which orders go out and what became of the processes
-comes in, a line of JSON each. So one agent does it on real processes
+Sans-IO: its device is the machine. Orders go out by a port, and events of processes come in, one
+line of JSON each. So the same agent works on real processes
 (`armadico.agents.supervision.supervisor`) and on the virtual mesh (`armadico.launch.virtual`).
 
-Who restarts what: the wakeup agent of a host starts its processes, and nobody else does. Whoever
-ends is due again, by its budget. Who hangs does not end: a monitor finds that out and asks for a
-restart, which is a SIGKILL, and the rest comes as always. It decides nothing about who drives.
+Only the wakeup agent of a host starts its processes. A process that ends is restarted within a
+budget. A monitor detects a process that hangs, and orders a restart: a SIGKILL, followed by the
+same steps. The wakeup agent does not decide which agent drives.
 """
 
 from __future__ import annotations
@@ -35,85 +35,76 @@ from armadico.core.agent import DeviceAgent, Question
 from armadico.core.messages import LABEL, Card, Message, MonitorReport, line
 from armadico.core.restart_policy import MISUSED, Budget, slower
 
-CARD_S: Final = 0.5
-"""What an agent may take to answer the query for its card, before it is queried again."""
+CARD_S: Final = 0.5  # the timeout of a query for a card, before it is repeated
 
+# A process that is not seen on the mesh for this time after its start hangs, and is killed.
 START_S: Final = 30.0
-"""Who cannot be seen on the mesh so long after it was started, s, hangs, and is killed."""
 
+# A monitor of this host that is silent for this time hangs, and is killed. Other monitors, if there
+# are any, are faster; a process that they had killed is another one by then.
 MONITOR_S: Final = 10.0
-"""A monitor of this host's that has said nothing for so long, s, hangs, and is killed: who watches
-everybody is watched by other monitors, if there are any, and by who started it. Those others are
-faster, and whoever was killed in between is another process."""
 
+# A robot agent of this host that accepts no links for this time hangs, and is killed. No other
+# agent can detect that, because all are connected through it.
 ROUTER_S: Final = 10.0
-"""A robot agent of this host's that accepts no links for so long, s, hangs, and is killed: nobody
-else can find that out, because all talk to each other through it."""
 
+# A machine is overloaded if it typically wakes this agent later than this, one cycle of a robot: a
+# bid that is later answers a cycle that is over.
 LATE_S: Final = 0.1
-"""A machine that wakes this agent so late, s, most times cannot keep up: it is a cycle of a robot,
-and a bid that is later answers a cycle that is over."""
 
-LATE_OF: Final = 8
-"""So many wake-ups in a row are judged; there is one each second at least."""
+LATE_OF: Final = 8  # wake-ups in a row that are judged; there is at least one per second
 
+# Processes are held back for at least this time, doubled each time: starting them is load, too.
 HOLD_S: Final = 60.0
-"""Processes are held back for so long at least, s, and for twice as long each time: to start them
-is work, too."""
 
 HELD: Final = "it is held back: the machine cannot keep up"
 
-PATIENT: Final = 4
-"""So many times as long may a start take on a machine that cannot keep up."""
+PATIENT: Final = 4  # factor on the timeout of a start on an overloaded machine
 
+# The pause before a restart, by the number of starts within the budget's window.
 PAUSES_S: Final = (0.0, 0.1, 0.2, 0.5)
-"""How long a process waits for its next start, by how often it was started within the budget's
-window."""
 
+# The pause if another process is in the way, by the number of times in a row. That is not the
+# process's fault, and is not taken from the budget.
 IN_THE_WAY_S: Final = (1.0, 2.0, 5.0)
-"""How long it waits if another one is in its way, by how often in a row; that is no fault of its
-own, and is not taken from the budget."""
 
+# A process that leaves this soon was a newcomer itself: it was started beside another one, or at
+# the same time. People must resolve that.
 NEWCOMER_S: Final = 3.0
-"""A process that leaves so soon was a newcomer itself: started where another was already, or in the
-same instant. That is for people to mend."""
 
-HEARD_S: Final = 1.5
-"""So long after it has begun the shares of all other hosts have come, s."""
+HEARD_S: Final = 1.5  # the time until the shares of all other hosts have been received
 
-SHARE_S: Final = 1.0
-"""How often the share is published at least, as the table of services has it."""
+SHARE_S: Final = 1.0  # the period of the share in the table of services
 
 Names = tuple[Annotated[str, Meta(min_length=1, max_length=LABEL)], ...]
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """What is to be up on this host, and what else could be."""
+    """The processes of this host, and the agents that it could start besides."""
 
     host: str
+    # By label, the agents of the process; a simulator has none.
     processes: dict[str, Names] = msgspec.field(default_factory=dict)
-    """By label, the agents that live in it; none in a simulator."""
     can: Names = ()
     needs: Names = ()
-    router: str = ""
-    """The robot agent, if it is to be up on this host."""
+    router: str = ""  # the robot agent, if it runs on this host
     restarts: int = 5
     within_s: float = 30.0
 
 
 class Do(StrEnum):
-    """What the machine is told."""
+    """The kinds of orders to the machine."""
 
     START = "start"
     END = "end"  # SIGTERM, and SIGKILL if that is not enough
     KILL = "kill"
     SAY = "say"  # a line for people
-    READY = "ready"  # everybody could be seen on the mesh
+    READY = "ready"  # all agents have been seen on the mesh
     GIVE_UP = "give up"
 
 
 class Order(Struct, frozen=True):
-    """One thing that the machine is to do."""
+    """One order to the machine."""
 
     do: Do
     label: str = ""
@@ -121,28 +112,28 @@ class Order(Struct, frozen=True):
 
 
 class Event(Struct, frozen=True, tag=True):
-    """What became of a process: it began, or it ended."""
+    """A process has begun, or ended."""
 
     label: str
     pid: int = 0
-    ending: str = ""  # how it ended, for people; empty: it has begun
+    ending: str = ""  # how it ended; empty: it has begun
     code: int = 0
-    words: str = ""  # its last ones
+    words: str = ""  # its last output
 
 
 class Load(Struct, frozen=True, tag=True):
-    """How much the machine has to do."""
+    """The load of the machine."""
 
     per_core: float  # runnable processes, on average over the last minute
 
 
 def lines(what: Struct) -> bytes:
-    """An order or an event as it goes through the port."""
+    """Encode an order or an event for the port."""
     return msgspec.json.encode(what) + b"\n"
 
 
 def orders(data: bytes) -> Iterator[Order]:
-    """The orders of some bytes."""
+    """Decode orders."""
     return (msgspec.json.decode(text, type=Order) for text in data.splitlines())
 
 
@@ -154,18 +145,18 @@ class _Process:
     state: KeptState = KeptState.STARTING
     pid: int = 0
     lent: bool = False
-    held: bool = False  # back, because the machine cannot keep up
+    held: bool = False  # held back, because the machine is overloaded
     why: str = ""
-    began_at: float | None = None  # when it was started, until it can be seen
-    back_at: float = inf  # when its own host had what is lent again
-    reported_at: float | None = None  # when a monitor that lives in it last did
-    due_at: float | None = None  # when it is started again
-    since: float | None = None  # it was first seen at work
-    in_the_way: int = 0  # how often in a row another one was
-    requested: bool = False  # killed on request, and not started again yet
+    began_at: float | None = None  # when it was started, until it is seen
+    back_at: float = inf  # when the own host of a lent process had it again
+    reported_at: float | None = None  # the last report of a monitor in it
+    due_at: float | None = None  # when it is restarted
+    since: float | None = None  # when it was first seen at work
+    in_the_way: int = 0  # how often in a row another process was in its way
+    requested: bool = False  # killed on request, and not restarted yet
 
     def works(self, now: float) -> None:
-        """It is seen at work."""
+        """Note that it is seen at work."""
         self.began_at = None
         self.since = now if self.since is None else self.since
         self.in_the_way = 0
@@ -173,15 +164,15 @@ class _Process:
 
 @dataclass
 class _Pace:
-    """Whether the machine keeps up, by how late it wakes this agent."""
+    """Detects an overloaded machine by how late it wakes this agent."""
 
     late: deque[float] = field(default_factory=lambda: deque(maxlen=LATE_OF))  # s
     slow: bool = False
-    until: float = 0.0  # it is taken to be slow at least
+    until: float = 0.0  # the machine counts as slow at least until then
     times: int = 0
 
     def woken(self, late: float, now: float) -> bool:
-        """Note how late it was (s); whether that changes what is thought of the machine."""
+        """Add a delay, s; return whether the judgement of the machine changes."""
         self.late.append(late)
         typical = median(self.late)
         if not self.slow and len(self.late) == LATE_OF and typical > LATE_S:
@@ -195,7 +186,7 @@ class _Pace:
 
 
 class Wakeup(DeviceAgent):
-    """Keeps a host's processes up within a budget, and answers who asks it to."""
+    """Keeps a host's processes running within a budget, and executes orders of other agents."""
 
     name = "wakeup"
     hears: ClassVar[tuple[type[Message], ...]] = (HostShare, MonitorReport)
@@ -211,27 +202,27 @@ class Wakeup(DeviceAgent):
         # All restarts that may count: when, which process, and whether it was requested.
         self._restarts: deque[tuple[float, str, bool]] = deque()
         self._kept = {label: _Process(names) for label, names in self.p.processes.items()}
-        # Those whose token is there, by instance: the name, and the card once it has come.
+        # The agents with a token, by instance: the name, and the card once received.
         self._there: dict[str, tuple[str, Card | None]] = {}
         self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
-        self._half = b""  # of a line
+        self._half = b""  # of an incomplete line
         self._load = 0.0
         self._ready = False
         self._share_at = self._heard_at = self._due_at = 0.0
         self._pace = _Pace()
-        self._cut_at = inf  # when the robot's router could not be reached any more
-        self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
+        self._cut_at = inf  # since when the robot's router is unreachable
+        self._early: list[Event] = []  # processes with another one in the way, to be reported
 
-    # Who is there --------------------------------------------------------------------------------
+    # Other agents --------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Say at once what is kept up here."""
+        """Publish at once what runs here."""
         self._heard_at = self.now + HEARD_S
         self._cut_at = inf if self.reachable else self.now
         self._tell()
 
     def on_appeared(self, name: str, instance: str) -> None:
-        """Somebody has joined: is it one of this host's?"""
+        """Query the card of a new agent, which may be of this host."""
         self._there[instance] = (name, None)
         self._ask(name, instance)
 
@@ -240,13 +231,13 @@ class Wakeup(DeviceAgent):
         self._shares.pop(instance, None)
 
     def on_met(self, card: Card) -> None:
-        """A card has come, whoever asked for it."""
+        """Store a card, and update the processes that are starting."""
         if card.instance in self._there:
             self._there[card.instance] = (card.name, card)
             self._greet()
 
     def on_router(self) -> None:
-        """Whoever has begun meanwhile can only be seen from now on, and others' shares come now."""
+        """Restart timers: agents and shares can be seen only from now on."""
         self._cut_at = inf if self.reachable else self.now
         if self.reachable:
             self._heard_at = self.now + HEARD_S
@@ -255,14 +246,14 @@ class Wakeup(DeviceAgent):
                     process.began_at = self.now
 
     def on_host_share(self, share: HostShare) -> None:
-        """What another host keeps up."""
+        """Process the share of another host."""
         self._shares[share.instance] = share
         self._give_back()
 
     def _give_back(self) -> None:
-        """End what is lent once its own host has had it for long enough to keep it.
+        """End a lent process once its own host has run it for long enough to keep it.
 
-        Not before: one of the two may be alone in the namespace, and then the newcomer goes.
+        Not earlier: if one of the two must be alone in the namespace, the newcomer leaves.
         """
         back = {
             name: share.host
@@ -282,14 +273,14 @@ class Wakeup(DeviceAgent):
                 self._let_go(label, f"{back[process.agents[0]]} has one of its own again")
 
     def on_monitor_report(self, report: MonitorReport) -> None:
-        """A monitor is at work; is it one of this host's?"""
+        """Note the report of a monitor, if it is one of this host."""
         _, card = self._there.get(report.instance, ("", None))
         for process in self._kept.values():
             if card is not None and (card.host, card.pid) == (self.p.host, process.pid):
                 process.reported_at = self.now
 
     def _ask(self, name: str, instance: str) -> None:
-        """Ask for a card until it comes: one that hangs delays nobody, and may be slow once."""
+        """Query a card until it is received; a hung agent delays no other."""
         if self._there.get(instance) != (name, None):
             return
         if not any(name in p.agents for p in self._kept.values() if p.state is KeptState.STARTING):
@@ -304,7 +295,7 @@ class Wakeup(DeviceAgent):
         self.ask_card(name, instance, answered, CARD_S)
 
     def _greet(self) -> None:
-        """See who of the starting is on the mesh by now."""
+        """Detect which of the starting processes are on the mesh."""
         cards = [card for _, card in self._there.values() if card is not None]
         here = {(card.name, card.pid) for card in cards if card.host == self.p.host}
         for label, process in self._kept.items():
@@ -315,7 +306,7 @@ class Wakeup(DeviceAgent):
         self._say_once()
 
     def _say_once(self) -> None:
-        """That the share is up: all are on the mesh, here or where somebody took them over."""
+        """Report once that all agents are on the mesh, here or on another host."""
         if not self._ready and all(
             process.state is KeptState.UP
             or process.held

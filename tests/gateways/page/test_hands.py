@@ -178,4 +178,4 @@ def test_who_does_not_hear_the_robot_does_not_drive_it() -> None:
     stage.session.came("page 1")
     stage.say("page 1", "stick", v=1.0, w=0.0, cycle=0)
     stage.until(lambda: stage.shown.answers)
-    assert stage.shown.answers[0]["text"] == "nothing is heard of the robot"
+    assert stage.shown.answers[0]["text"] == "no message from the robot"

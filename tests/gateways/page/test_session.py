@@ -367,7 +367,7 @@ def test_agents_that_nobody_keeps_up_are_not_restarted_and_it_says_why(stage: St
     assert not rows["goto"]["kept"]
     answer = stage.answer(stage.say("page 1", "restart", agent="goto"))
     assert not answer["ok"]
-    assert "nobody keeps goto up" in answer["text"]
+    assert "no host keeps goto running" in answer["text"]
 
 
 def test_an_agent_that_a_host_keeps_up_is_restarted_by_its_wakeup_agent() -> None:
@@ -398,7 +398,7 @@ def test_a_share_under_anothers_name_is_nobodys(stage: Stage, name: str) -> None
         answer = stage.answer(
             stage.say("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
         )
-        assert answer["text"].startswith(("nobody keeps", "no host says"))
+        assert answer["text"].startswith(("no host keeps", "no host says"))
 
 
 def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage) -> None:
