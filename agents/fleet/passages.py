@@ -2,8 +2,8 @@
 
 Open ground is covered by circles of diameter `PASS_M` free of walls. The rest of the ground on
 which a robot fits is narrow. A narrow piece that joins two pieces of open ground, or a deep one
-with one end, is a passage. Open ground that is too small for waiting and not clear of passages belongs
-to the passages that it joins: then one robot has the whole stretch.
+with one end, is a passage. Open ground that is too small for waiting and not clear of passages
+belongs to the passages that it joins: then one robot has the whole stretch.
 
 All robots with the same map find the same passages with the same numbers. World frame, m.
 """

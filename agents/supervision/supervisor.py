@@ -1,4 +1,4 @@
-"""One host's share of a society as processes: started, watched, started again, taken down.
+"""One host's share of a society as processes: starts, watches, restarts and ends them.
 
 The machine of the wakeup agent (`armadico.agents.supervision.wakeup`), which decides what is
 started when. That agent runs in a thread of this process, on the mesh; processes belong to the
@@ -58,12 +58,12 @@ _LOUD = ("WARNING", "ERROR", "CRITICAL")
 
 
 class GaveUpError(RunFailedError):
-    """A process ended, and starting it again has no use; the message says which, why, and more."""
+    """A process ended, and a restart is useless; the message has its name and the reason."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be up: the agents, and a simulator if the robot agent has no robot."""
+    """The processes to run: the agents, and a simulator if the robot agent has no robot."""
 
     host: str
     namespace: str
@@ -84,7 +84,7 @@ class Plan:
 
 @dataclass
 class Tail:
-    """New lines of a log, as far as people need to know them."""
+    """New lines of a log that people should see."""
 
     name: str
     log: Path
@@ -94,14 +94,14 @@ class Tail:
     lines: list[str] = field(default_factory=list)
 
     def loud(self) -> list[str]:
-        """New lines at WARNING and worse, and what belongs to them, with the agent's name."""
+        """Return new lines of WARNING and worse with their continuations and the agent's name."""
         try:
             if self.log.stat().st_size < self._read:
-                self._read, self._rest = 0, ""  # another file by now
+                self._read, self._rest = 0, ""  # the file has been replaced
             with self.log.open("rb") as file:
                 file.seek(self._read)
                 data = file.read()
-        except OSError:  # whoever cleans up temporary files, say: no reason to end a society
+        except OSError:  # as if temporary files were cleaned up: the society goes on
             return []
         if data:
             self._read += len(data)
@@ -110,7 +110,7 @@ class Tail:
         return []
 
     def turn(self) -> None:
-        """Begin the file anew once it is long; what it held stays beside it, if there is room."""
+        """Rotate a long file; its old content is kept, if there is space."""
         if self._read > LOG_BYTES:
             with suppress(OSError):
                 shutil.copyfile(self.log, self.log.with_suffix(".log.1"))
@@ -119,9 +119,9 @@ class Tail:
             self._read = 0
 
     def _said(self, line: str) -> str:
-        """A line as it is passed on; empty if it is not."""
+        """Return a line as it is passed on; empty if it is not."""
         found = _LINE.match(line)
-        if found is None:  # the rest of what began above: a traceback, say
+        if found is None:  # a continuation, such as a traceback
             return f"{self.name}: {line}" if self._loud else ""
         self._loud = found["level"] in _LOUD
         return f"{self.name}: {found['level']} {line[found.end() :]}" if self._loud else ""
@@ -135,7 +135,7 @@ class Machine:
         self._events: queue.SimpleQueue[Event | Load] = queue.SimpleQueue()
 
     def tell(self, event: Event | Load) -> None:
-        """What became of a process, or the machine's load."""
+        """Pass on an event of a process, or the machine's load."""
         self._events.put(event)
 
     def read(self, timeout_s: float) -> bytes:
@@ -153,12 +153,12 @@ class Machine:
 
 
 class Upkeep:
-    """Keeps a share up; a context manager that leaves nothing running."""
+    """Keeps a share's processes running; a context manager that ends all of them."""
 
     def __init__(
         self, plan: Plan, mesh: Mesh, say: Callable[[str], None], budget: Budget | None = None
     ) -> None:
-        """`say` is told what goes wrong, a line at a time."""
+        """`say` receives reports of faults, one line at a time."""
         self.plan = plan
         self.table = ProcessTable(plan.namespace, plan.joining, tied=True, journal=plan.journal)
         self.machine = Machine()
@@ -166,7 +166,7 @@ class Upkeep:
         self._groups = processes(plan.members, plan.together)
         self._lent = {member.name: (member,) for member in plan.can}
         self._tails: dict[str, Tail] = {}
-        self._ending: dict[str, float] = {}  # who is to leave, and when it is killed if it has not
+        self._ending: dict[str, float] = {}  # processes that are ending, and when they are killed
         self._port: str | None = None
         self._well = True
         self._load_at = 0.0
@@ -204,7 +204,7 @@ class Upkeep:
             self.table.remove_logs()
 
     def start(self) -> None:
-        """Start everything. Raises RunFailedError if the simulator does not come up."""
+        """Start all processes. Raises RunFailedError if the simulator does not start."""
         self._thread.start()
         if self.plan.simulated is not None:
             self._start(SIMULATOR)
@@ -212,7 +212,7 @@ class Upkeep:
             self._start(label)
 
     def keep(self, ready: Callable[[float], None]) -> None:
-        """Keep everything up until interrupted. Raises GaveUpError when the budget is spent.
+        """Keep all processes running until interrupted. Raises GaveUpError if the budget is spent.
 
         `ready` is told, once, how long it took (s) until everybody could be seen on the mesh.
         """
@@ -230,18 +230,18 @@ class Upkeep:
     # The wakeup agent ----------------------------------------------------------------------------
 
     def _live(self) -> None:
-        """Be the wakeup agent's thread; what ends it early ends the share."""
+        """Run the wakeup agent's thread; an exception in it ends the share."""
         try:
             self._agents.live()
             why = self._agents.refusal
-        except Exception as error:  # whatever it is: without it nobody would start anybody again
+        except Exception as error:  # without this thread no process would be restarted
             why = f"{type(error).__name__}: {error}"
         if why:
             self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent is gone: {why}"))
         self._agents.leave()
 
     def _ordered(self) -> Order | None:
-        """The next order; None if there is none for a while."""
+        """Return the next order, or None after a while."""
         try:
             return self.machine.orders.get(timeout=LOOK_S)
         except queue.Empty:
@@ -253,7 +253,7 @@ class Upkeep:
             case Do.START if process is None:
                 try:
                     self._start(order.label)
-                except OSError as error:  # no memory, no process left: as if it had ended at once
+                except OSError as error:  # out of memory or processes: as if it had ended at once
                     self.machine.tell(Event(order.label, 0, "no start", 1, str(error)))
             case Do.KILL if process is not None:
                 process.popen.kill()
@@ -261,7 +261,7 @@ class Upkeep:
                 process.popen.terminate()
                 self._ending[order.label] = time.monotonic() + LEAVE_S
             case Do.SAY:
-                self._relay()  # what the process says itself comes first
+                self._relay()  # the process's own log lines come first
                 self._say(order.text)
             case Do.GIVE_UP:
                 self._relay()
@@ -278,7 +278,7 @@ class Upkeep:
         self.machine.tell(Event(label, process.popen.pid))
 
     def _members(self, label: str) -> list[Member]:
-        """The agents of a process, told where the simulator is if they have its port."""
+        """Return the agents of a process, with the simulator's port for the robot agent."""
         return [
             Member(member.name, (*member.sets, f"port={self._port}"))
             if self._port is not None and "port" in agent_class(member.name).launched_with
@@ -287,7 +287,7 @@ class Upkeep:
         ]
 
     def _start_simulator(self) -> Process:
-        """Start the simulator; later ones take the same port, where the robot agent finds them."""
+        """Start the simulator; a restart uses the same port, which the robot agent knows."""
         assert self.plan.simulated is not None, "there was one"
         port = 0 if self._port is None else int(self._port.rpartition(":")[2])
         process = self.table.start_simulator(self.plan.simulated, self.plan.seed, port)
@@ -298,7 +298,7 @@ class Upkeep:
     # Watching ------------------------------------------------------------------------------------
 
     def _mourn(self) -> None:
-        """Tell the wakeup agent who has ended, and kill who should have."""
+        """Report ended processes to the wakeup agent, and kill those that are overdue."""
         for label, at in self._ending.items():
             if time.monotonic() >= at and (process := self.table.named(label)) is not None:
                 process.popen.kill()
@@ -308,13 +308,13 @@ class Upkeep:
             self.machine.tell(Event(label, 0, ending(code), code, process.last_words()))
 
     def _weigh(self) -> None:
-        """Tell the wakeup agent now and then how much this machine has to do."""
+        """Report the machine's load to the wakeup agent regularly."""
         if time.monotonic() >= self._load_at:
             self._load_at = time.monotonic() + LOAD_S
             self.machine.tell(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
 
     def _relay(self) -> None:
-        """Pass on what the processes log of faults."""
+        """Pass on warnings and errors in the processes' logs."""
         for tail in self._tails.values():
             for line in tail.loud():
                 self._say(line)

@@ -1,4 +1,4 @@
-"""Start this machine's share of a society, and keep it up."""
+"""Start this machine's share of a society, and keep it running."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
+    """Keep the share running until interrupted; return 0 after SIGTERM, as by `armadico down`."""
     scenario = _started(args, _scenario(args))
     where = _place(args.mesh, scenario)
     with _signals() as received:
@@ -99,7 +99,7 @@ def run(args: Options) -> int:
 
 
 def _place(mesh: Mesh, scenario: Scenario | None) -> Endpoints:
-    """Which host this is; if no table says so, one that runs all agents."""
+    """Return this host of the table; without a table, one that runs all agents."""
     where = mesh.endpoints(passing=False)
     if where.table is not None:
         return where
@@ -110,7 +110,7 @@ def _place(mesh: Mesh, scenario: Scenario | None) -> Endpoints:
     from armadico.config.hosts import HostTable, load_hosts
     from armadico.launch.society import names
 
-    name = socket.gethostname()  # as its agents call it, to whom no table is given either
+    name = socket.gethostname()  # its agents use the same name without a table
     host = load_hosts().host("localhost")
     taking = () if scenario is None else names(scenario)
     host = replace(host, agents=tuple(dict.fromkeys((*taking, *host.agents))))
@@ -118,7 +118,7 @@ def _place(mesh: Mesh, scenario: Scenario | None) -> Endpoints:
 
 
 def _scenario(args: Options) -> Scenario | None:
-    """What is to be done: a mission in its own scenario, by the least society, or a scenario."""
+    """Return the mission in its own scenario, with the least society, or the scenario."""
     if args.scenario is None:
         return None
     from armadico.config.scenarios import load_scenario, on_mission
@@ -140,7 +140,7 @@ def _scenario(args: Options) -> Scenario | None:
 
 
 def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
-    """The scenario with the start that is given. Raises UsageError, ConfigError."""
+    """Return the scenario with the given start. Raises UsageError, ConfigError."""
     from armadico.config.worlds import bare
 
     if scenario is not None and (warning := bare(scenario.world)):
@@ -158,7 +158,7 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
 
 
 def _is_mission(name: str) -> bool:
-    """Whether something is a mission's name or file: it has steps, and a scenario has none."""
+    """Return whether a name or file is a mission's: it has steps, and a scenario has none."""
     from armadico.config.errors import advice
     from armadico.config.loading import document, read_text
     from armadico.config.shipped import find, names
@@ -217,7 +217,7 @@ def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
 
 
 def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
-    """What is to be up here. Raises UsageError, ConfigError or UnknownNameError."""
+    """Return the processes of this host. Raises UsageError, ConfigError or UnknownNameError."""
     from msgspec.structs import replace
 
     from armadico.agents.supervision.supervisor import Plan
@@ -290,7 +290,7 @@ def _check_names(args: Options, where: Endpoints, host: Host) -> None:
 
 
 def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
-    """The members with what `--set` says. Raises ConfigError if an agent would refuse its own."""
+    """Return the members with the values of `--set`. Raises ConfigError for invalid ones."""
     found = tuple(_with_sets(member, args.set, members) for member in members)
     if args.set or args.parameters is not None:  # else nobody has written any
         from armadico.launch.society import check
@@ -300,7 +300,7 @@ def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
 
 
 def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
-    """A member with what `--set` says of it. Raises UsageError for a name that is not here."""
+    """Return a member with the values of `--set`. Raises UsageError for an unknown name."""
     from armadico.launch.society import Member
 
     mine = []
@@ -338,7 +338,7 @@ def _ready(host: str, names: str) -> Callable[[float], None]:
 
 
 def _notify(text: str) -> None:
-    """Tell systemd, if it asked to be told."""
+    """Notify systemd, if it has requested that."""
     where = os.environ.get("NOTIFY_SOCKET")
     if where:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:

@@ -219,7 +219,7 @@ class Wakeup(DeviceAgent):
         """Publish at once what runs here."""
         self._heard_at = self.now + HEARD_S
         self._cut_at = inf if self.reachable else self.now
-        self._tell()
+        self._publish_share()
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Query the card of a new agent, which may be of this host."""
@@ -234,7 +234,7 @@ class Wakeup(DeviceAgent):
         """Store a card, and update the processes that are starting."""
         if card.instance in self._there:
             self._there[card.instance] = (card.name, card)
-            self._greet()
+            self._update_starting()
 
     def on_router(self) -> None:
         """Restart timers: agents and shares can be seen only from now on."""
@@ -248,9 +248,9 @@ class Wakeup(DeviceAgent):
     def on_host_share(self, share: HostShare) -> None:
         """Process the share of another host."""
         self._shares[share.instance] = share
-        self._give_back()
+        self._end_lent()
 
-    def _give_back(self) -> None:
+    def _end_lent(self) -> None:
         """End a lent process once its own host has run it for long enough to keep it.
 
         Not earlier: if one of the two must be alone in the namespace, the newcomer leaves.
@@ -270,7 +270,7 @@ class Wakeup(DeviceAgent):
             if self.now - process.back_at >= NEWCOMER_S:
                 if process.pid:
                     self._order(Do.END, label)
-                self._let_go(label, f"{back[process.agents[0]]} has one of its own again")
+                self._drop(label, f"{back[process.agents[0]]} has one of its own again")
 
     def on_monitor_report(self, report: MonitorReport) -> None:
         """Note the report of a monitor, if it is one of this host."""
@@ -294,7 +294,7 @@ class Wakeup(DeviceAgent):
 
         self.ask_card(name, instance, answered, CARD_S)
 
-    def _greet(self) -> None:
+    def _update_starting(self) -> None:
         """Detect which of the starting processes are on the mesh."""
         cards = [card for _, card in self._there.values() if card is not None]
         here = {(card.name, card.pid) for card in cards if card.host == self.p.host}
@@ -303,9 +303,9 @@ class Wakeup(DeviceAgent):
             if starting and all((name, process.pid) in here for name in process.agents):
                 process.works(self.now)
                 self._became(label, KeptState.UP)
-        self._say_once()
+        self._report_ready()
 
-    def _say_once(self) -> None:
+    def _report_ready(self) -> None:
         """Report once that all agents are on the mesh, here or on another host."""
         if not self._ready and all(
             process.state is KeptState.UP
@@ -340,7 +340,7 @@ class Wakeup(DeviceAgent):
             process.works(self.now)
         for instance, (name, _) in sorted(self._there.items()):
             self._ask(name, instance)
-        self._greet()
+        self._update_starting()
 
     def _ended(self, event: Event) -> None:
         label, process = event.label, self._kept.get(event.label)
@@ -353,18 +353,20 @@ class Wakeup(DeviceAgent):
         process.pid, process.began_at, process.reported_at = 0, None, None
         if process.held:
             self._became(label, KeptState.WAITING, HELD)
-            self._say_once()
+            self._report_ready()
             return
-        if process.state is KeptState.ENDED:  # as somebody asked
-            self._tell()
+        if process.state is KeptState.ENDED:  # on request
+            self._publish_share()
             return
-        if process.lent and event.code == MISUSED:  # as after a cut: its own host has one, too
-            self._let_go(label, "somebody is in its way")
+        if (
+            process.lent and event.code == MISUSED
+        ):  # as after a partition: its own host has one, too
+            self._drop(label, "somebody is in its way")
             return
         replaced = any(self._replaced(name) for name in process.agents)
         why = self._plan_restart(label, event.code, replaced=replaced)
         if why and process.lent:  # that is no reason to end what is this host's own
-            self._let_go(label, f"{label} ended with {event.ending}, {why}")
+            self._drop(label, f"{label} ended with {event.ending}, {why}")
             return
         if why:
             self.gave_up = True
@@ -383,10 +385,10 @@ class Wakeup(DeviceAgent):
             said = f"{label} ended with {event.ending}; it is started again"
         self._order(Do.SAY, text=said)
         self._became(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
-        self._say_once()
+        self._report_ready()
 
     def _plan_restart(self, label: str, code: int, *, replaced: bool) -> str:
-        """Say when a process that ended with a code is started again; else why it is not.
+        """Schedule the restart of a process that ended with a code; else return why there is none.
 
         `replaced`: another host has started one in its place, so that another one in its way is no
         fault of people's, however soon it found that out.
@@ -408,7 +410,7 @@ class Wakeup(DeviceAgent):
         return ""
 
     def _spent(self, *, requested: bool = True) -> str:
-        """Why one more restart is not to be had now; empty if it is.
+        """Return why one more restart is refused now; "" if it is not.
 
         Restarts on request do not count towards those of processes that failed, because a request
         must not be what ends a host. Requests are refused once both together have spent the budget.
@@ -430,13 +432,13 @@ class Wakeup(DeviceAgent):
         if process.held:
             return
         if process.in_the_way and any(map(self._replaced, process.agents)):
-            self._plan_restart(label, MISUSED, replaced=True)  # it would find out the same
+            self._plan_restart(label, MISUSED, replaced=True)  # it would leave again
             return
         self._became(label, KeptState.STARTING)
         self._order(Do.START, label)
 
     def _replaced(self, name: str) -> bool:
-        """Whether another host has started an agent of this name in place of one that was gone."""
+        """Return whether another host has started a lent agent of this name."""
         shares = self._shares.values()
         return any(kept.lent and name in kept.agents for share in shares for kept in share.kept)
 
@@ -465,7 +467,7 @@ class Wakeup(DeviceAgent):
         if any(self._kept[label].held for label in found):
             return HELD
         if any(self._kept[label].state is not KeptState.ENDED for label in found):
-            return ""  # it is looked after already
+            return ""  # it is kept running already
         if not found and request.agent not in self.p.can:
             able = ", ".join(self.p.can) or "nobody"
             return f"it cannot start {request.agent}; it could start {able}"
@@ -477,7 +479,7 @@ class Wakeup(DeviceAgent):
             process.state = KeptState.STARTING
             self._order(Do.SAY, text=f"{label} is started: {_asked(request)}")
             self._order(Do.START, label)
-        self._tell()
+        self._publish_share()
         return ""
 
     def _restart(self, request: WakeupRequest, found: list[str]) -> str:
@@ -489,7 +491,7 @@ class Wakeup(DeviceAgent):
             process = self._kept[label]
             meant = request.pid in (0, process.pid)
             if process.state is KeptState.ENDED or not (process.pid and meant):
-                continue  # another one is there by now, or is about to be
+                continue  # it has been replaced, or is about to be
             if refusal := self._spent():
                 return refusal
             process.requested = True
@@ -509,25 +511,25 @@ class Wakeup(DeviceAgent):
             self._order(Do.SAY, text=f"{label} is ended: {_asked(request)}")
             if self._kept[label].pid:
                 self._order(Do.END, label)
-            self._let_go(label, _asked(request))
+            self._drop(label, _asked(request))
         return ""
 
-    def _let_go(self, label: str, why: str) -> None:
-        """It is not started again: what was lent is forgotten, what is its own said to be ended."""
+    def _drop(self, label: str, why: str) -> None:
+        """Stop keeping a process: a lent one is removed, an own one is reported as ended."""
         process = self._kept[label]
         process.due_at, process.since, process.in_the_way = None, None, 0
         process.requested = process.held = False
         if process.lent:
             del self._kept[label]
             self._order(Do.SAY, text=f"{label} is this host's no more: {why}")
-            self._tell()
+            self._publish_share()
         else:
             self._became(label, KeptState.ENDED, why)
 
-    # Telling -------------------------------------------------------------------------------------
+    # Reports -------------------------------------------------------------------------------------
 
     def on_wakeup(self) -> None:
-        """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
+        """Start processes that are due, kill those that hang, and publish the share."""
         if self._pace.woken(self.now - self._due_at, self.now):
             if self._pace.slow:
                 self._hold_back()
@@ -540,12 +542,12 @@ class Wakeup(DeviceAgent):
         for label, process in self._kept.items():
             if process.due_at is not None and process.due_at <= self.now:
                 self._restart_due(label, process)
-        self._kill_who_hangs()
+        self._kill_hung()
         if self.now >= self._share_at:
-            self._tell()
+            self._publish_share()
         self._look_again()
 
-    def _kill_who_hangs(self) -> None:
+    def _kill_hung(self) -> None:
         times = slower(self._load)
         start_s = START_S * times * (PATIENT if self._pace.slow else 1)
         for label, process in self._kept.items():
@@ -554,7 +556,7 @@ class Wakeup(DeviceAgent):
                 self._cut_at = self.now
                 self._kill(label, f"it accepts no links, for {ROUTER_S * times:.0f} s")
             elif not self.reachable and not self._is_router(process):
-                continue  # nobody can be seen
+                continue  # no agent can be seen
             elif process.began_at is not None and self.now - process.began_at >= start_s:
                 process.began_at = None
                 self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
@@ -569,7 +571,7 @@ class Wakeup(DeviceAgent):
         return self.p.router in process.agents
 
     def _hold_back(self) -> None:
-        """End what the robot can do without while this machine cannot keep up."""
+        """End agents that the robot does not need while this machine is overloaded."""
         needed = set(self.p.needs)
         for label, process in self._kept.items():
             without = needed and process.agents and not needed & set(process.agents)
@@ -600,7 +602,7 @@ class Wakeup(DeviceAgent):
         return [label for label, process in self._kept.items() if process.held]
 
     def _look_again(self) -> None:
-        """Be woken for the next start, or the next share; by then who hangs at start is seen."""
+        """Schedule the next start, share, or check of processes that hang at their start."""
         due = [p.due_at for p in self._kept.values() if p.due_at is not None]
         early = [self._heard_at] if self._early else []
         self._due_at = min([self._share_at, *early, *due])
@@ -609,9 +611,9 @@ class Wakeup(DeviceAgent):
     def _became(self, label: str, state: KeptState, why: str = "") -> None:
         process = self._kept[label]
         process.state, process.why = state, why
-        self._tell()
+        self._publish_share()
 
-    def _tell(self, *, leaving: bool = False) -> None:
+    def _publish_share(self, *, leaving: bool = False) -> None:
         kept = tuple(
             Kept(p.agents, p.state, p.pid, p.lent, line(p.why)) for p in self._kept.values()
         )
@@ -622,10 +624,10 @@ class Wakeup(DeviceAgent):
         self._look_again()
 
     def stop(self, now: float) -> None:
-        """Leave in order: nobody is to miss what was kept up here, unless it was given up."""
+        """Leave in order, so that the agents of this host are not missed, unless it gave up."""
         super().stop(now)
         if not self.gave_up:
-            self._tell(leaving=True)
+            self._publish_share(leaving=True)
 
 
 def _asked(request: WakeupRequest) -> str:
