@@ -75,24 +75,33 @@ class Tool(Struct, frozen=True):
 TOOLS: Final = {
     tool.name: tool
     for tool in (
-        Tool("where", "Where the robot is, how fast, who drives it, its mission, battery and stop"),
+        Tool("where", "The robot's pose, speed, driving agent, mission, battery and stop"),
         Tool("map", "The world: places by name with their poses, and a picture of it in letters"),
         Tool("who", "The agents that are alive: host, what they provide, what they hold"),
-        Tool("why", "Why the robot stands, or who drives now and why, as a chain of reasons", Why),
+        Tool(
+            "why",
+            "Why the robot stands, or which agent drives now and why, as a chain of reasons",
+            Why,
+        ),
         Tool("history", "What has happened: exchanges, stops, requests, the agents' lines", Last),
         Tool("missions", "Missions that can be ordered, and those that were, with their states"),
         Tool(
             "goto",
-            "Send the robot to a pose. Refused while it is stopped, or under way for somebody else",
+            "Send the robot to a pose. Refused while it is stopped, or driving for another client",
             Goal,
             does=True,
         ),
         Tool("mission", "Order a mission by its name, at the lowest priority", Named, does=True),
         Tool("cancel", "Cancel a mission that was ordered with `mission`", Numbered, does=True),
-        Tool("stop", "Stop the robot, whoever drives it; only people release that", Because, True),
+        Tool(
+            "stop",
+            "Stop the robot, whichever agent drives; only people release the stop",
+            Because,
+            True,
+        ),
         Tool(
             "resume",
-            "Ask people to release the stop: says what a person has to type; releases nothing",
+            "Request people to release the stop: returns the command to type; releases nothing",
             Because,
             does=True,
         ),
