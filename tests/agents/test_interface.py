@@ -561,19 +561,17 @@ def test_without_another_way_it_waits_says_so_and_asks_again(planned: Desk) -> N
     assert planned.last(MissionStatus).note == ""
 
 
-def test_without_a_planner_it_goes_on_by_the_way_there_is(planned: Desk) -> None:
-    """Losing the planner is no word on the way: behaviours go round what stands there."""
+def test_without_a_planner_the_present_path_is_kept(planned: Desk) -> None:
+    """The path may still be free: behaviours avoid obstacles."""
     before = planned.last(Trajectory)
     see(planned, Point(1.0, 0.1))
     planned.reply(None)
     known = planned.last(Trajectory)
     assert (known.waypoints, known.waits, known.counter) == (before.waypoints, False, 1)
-    warned = "something stands across the way, and nobody plans: it goes on by the way there is"
     stay(planned, SOME.again_s + SOME.nearer_s)
     planned.reply(None)
-    assert [m.text for m in planned.published if isinstance(m, Log) and m.level >= WARNING] == [
-        warned
-    ]
+    warnings = [m for m in planned.published if isinstance(m, Log) and m.level >= WARNING]
+    assert len(warnings) == 1
     planned.moved(1.0)
     assert planned.last(MissionStatus).note == ""
 

@@ -74,7 +74,7 @@ def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
         (("explore", "sc3", "--virtual", "--map", "/no/such/a.map"), 1, "no such folder"),
         (("explore", "sc3", "--virtual", "--runs", "2", "--map", "a.map"), 2, "one run's map"),
         (("explore", "sc3", "--virtual", "--resume", "/no/such.yaml"), 2, "/no/such.yaml"),
-        (("explore", "sc3", "--attach", "--resume", "a.yaml"), 2, "--attach starts nobody"),
+        (("explore", "sc3", "--attach", "--resume", "a.yaml"), 2, "--resume"),
         (("explore", "sc3", "--virtual", "--without", "mapping"), 2, "without mapping"),
         (("explore", "sc3", "--virtual", "--within", "5", "0", "6", "2"), 1, "not in the rect"),
         (("map",), 2, "what"),

@@ -102,12 +102,12 @@ def test_where_no_agent_has_missions_that_is_said() -> None:
         (None, "no alarms\n", []),
         (
             Board(1, 1, alarms=("R2", "R21"), unchecked=("R21",)),
-            "R2               checked\nR21              nobody has been there yet\n",
+            "R2               checked\nR21              not checked yet\n",
             [{"room": "R2", "checked": True}, {"room": "R21", "checked": False}],
         ),
     ],
 )
-def test_alarms_that_are_remembered_are_told_apart_from_missions(
+def test_alarms_are_listed_apart_from_missions(
     board: Board | None,
     text: str,
     rows: list[dict[str, object]],

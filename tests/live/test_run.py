@@ -152,7 +152,7 @@ def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
         observer.drives_on()
         assert all(child.is_running() for child in everybody)
         said, errors = run("down").communicate(timeout=SOON)
-        assert "ended what a killed `armadico run` had left: encoder, " in said, errors
+        assert "killed `armadico run`: encoder, " in said, errors
         assert all_gone(everybody)
     finally:
         for child in everybody:
