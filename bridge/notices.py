@@ -30,7 +30,7 @@ class Notices:
             self._noted[text] = now
             self._events.append(Noted(text))
 
-    def complain(self, sensor: str, wrong: str, now: float) -> None:
+    def report_fault(self, sensor: str, wrong: str, now: float) -> None:
         """Report a sensor's fault; an empty text means that it works."""
         before, at = self._complaints.get(sensor, ("", -inf))
         if not wrong:

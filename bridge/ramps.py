@@ -35,7 +35,7 @@ class Ramps:
         self._requested = self.sent = REST
         self.due = None
 
-    def ask(self, requested: Speeds, now: float) -> None:
+    def request(self, requested: Speeds, now: float) -> None:
         """Request speeds; the next step is due at once."""
         self._requested, self.due = requested, now
 

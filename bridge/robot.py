@@ -366,7 +366,7 @@ class Robot(DeviceAgent):
         assert session is not None, "it has a line"
         line = session.line
         if self._line_notes.is_news(line, self.now):
-            self.log(f"from the controller so far: {line.told}", WARNING)
+            self.log(f"from the controller so far: {line.summary}", WARNING)
         return line
 
     def card(self) -> Card:

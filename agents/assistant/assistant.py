@@ -47,10 +47,10 @@ class Assistant(Agent):
 
     name = "assistant"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (RobotState,)
+    receives: ClassVar[tuple[type[Message], ...]] = (RobotState,)
     provides: ClassVar[tuple[type[Message], ...]] = (AssistantRecord,)
     answers: ClassVar[tuple[type[Message], ...]] = (AssistantRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
+    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     parameters = Parameters
     p: Parameters
 
@@ -116,7 +116,7 @@ class Assistant(Agent):
     def _stop(self, request: AssistantRequest, args: Because, question: Question) -> AssistantReply:  # noqa: ARG002
         before = self.stopped
         if before is not None:
-            return AssistantReply(said=line(f"it is stopped already, by {before.who}"))
+            return AssistantReply(said=line(f"it is stopped already, by {before.requester}"))
         self.latch(line(f"{_by(request)}{f', {args.reason}' if args.reason else ''}")[:LONGEST_BY])
         return AssistantReply(said="the stop is published; `where` says when the robot has it")
 
@@ -131,7 +131,7 @@ class Assistant(Agent):
             return AssistantReply(said="the robot is not stopped")
         how = f"armadico resume --confirm {stop.code}"
         because = f", because {args.reason}" if args.reason else ""
-        asks = f"{_by(request)} asks for the release of the stop by {stop.who}{because}"
+        asks = f"{_by(request)} asks for the release of the stop by {stop.requester}{because}"
         self.log(f"{asks}: a person types `{how}`", WARNING)
         return AssistantReply(said=line(f"nothing is released: a person has to type `{how}`"))
 
@@ -184,17 +184,17 @@ class Assistant(Agent):
         stop = self.stopped
         # A goal accepted now would set the robot in motion when the stop is released.
         if stop is not None and not even_stopped:
-            return AssistantReply(refusal=line(f"the robot is stopped by {stop.who}"))
+            return AssistantReply(refusal=line(f"the robot is stopped by {stop.requester}"))
         if self._waits:
             return AssistantReply(refusal="one request is being answered; ask again later")
         self._waits = True
 
-        def replied(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             self._waits = False
             if reply is None:
                 outcome = AssistantReply(refusal="no agent that takes missions has answered")
                 if isinstance(query, MissionOrder):  # a hung agent would begin it later
-                    self.ask(MissionCancel(query.mission, query.by), lambda _: None)
+                    self.query(MissionCancel(query.mission, query.by), lambda _: None)
             elif reply.refusal:
                 outcome = AssistantReply(refusal=reply.refusal)
             else:
@@ -205,7 +205,7 @@ class Assistant(Agent):
             self.answer(question, outcome)
 
         self._note(request, AssistantReply("it is passed on"))
-        self.ask(query, replied, self.p.planning_s)
+        self.query(query, on_reply, self.p.planning_s)
         return None
 
 

@@ -71,7 +71,7 @@ class Society(Chronicle):
         if state is None:
             return {"heard": False, "note": "nothing is heard of a robot"}
         found: dict[str, Any] = {
-            "heard": view.hears_robot(now),  # if false, the rest is the last report
+            "heard": view.state_is_fresh(now),  # if false, the rest is the last report
             "speed": rounded({"v": state.v, "w": state.w}),
             "driver": described.resource(view, WHEELS.name, now)["obeyed"],
             "stop": {"stopped": view.stopped(now), "by": state.stop.by},

@@ -17,7 +17,7 @@ from armadico.agents.assistant.mcp_lines import LONGEST, Call, Lines, answer
 from armadico.agents.assistant.messages import AssistantReply, AssistantRequest
 from armadico.agents.assistant.tools import TOOLS, Last, Subject, Why
 from armadico.core.messages import MessageError, RobotState, checked
-from armadico.observe.watching import ASK_S, Watcher, show
+from armadico.observe.watching import QUERY_S, Watcher, show
 from armadico.observe.why import LATER_S
 from armadico.runtime.client import Client
 from armadico.runtime.errors import SocietyError
@@ -121,7 +121,7 @@ class Server:
     def _stopped(self, call: Call) -> tuple[dict[str, Any], bool]:
         """Stop the robot: by the assistant agent, or directly if that does not reply at once."""
         request = self._request(call)
-        reply = None if request is None else self._stopper.ask(request, FIND_S, patience=HURRY_S)
+        reply = None if request is None else self._stopper.query(request, FIND_S, patience=HURRY_S)
         if isinstance(reply, AssistantReply):
             if reply.refusal:
                 return {"refused": reply.refusal}, True
@@ -147,10 +147,10 @@ class Server:
     def _receive(self, for_s: float) -> None:
         """Wait up to `for_s` seconds for a message; process it and those already received."""
         now = time.monotonic()
-        if now - self._called_at < WATCHED_S and now - self._polled_at >= ASK_S:
+        if now - self._called_at < WATCHED_S and now - self._polled_at >= QUERY_S:
             self._polled_at = now
-            self._watcher.ask_for_cards()
-            self._watcher.ask_for_bids()
+            self._watcher.query_cards()
+            self._watcher.query_bids()
         item = self._watcher.get(for_s)
         while item is not None:
             show(self._society, item)
@@ -174,7 +174,7 @@ class Server:
             mission = {"mission": str(reply.mission)} if reply.mission else {}
             return {"said": reply.said} | mission, False
         if idle:
-            self._receive_until(lambda: False, ASK_S)  # for agents' cards and bids
+            self._receive_until(lambda: False, QUERY_S)  # for agents' cards and bids
         return self._read_only(call), False
 
     @property
@@ -193,10 +193,10 @@ class Server:
         request = self._request(call)
         if request is None:
             return None, {"refused": "too long: 2,000 characters at most, and printable ones"}
-        reply = self._client.ask(request, ANSWER_S, patience=FIND_S)
+        reply = self._client.query(request, ANSWER_S, patience=FIND_S)
         if reply is None:
             self._start()
-            reply = self._client.ask(request, ANSWER_S, patience=START_S)
+            reply = self._client.query(request, ANSWER_S, patience=START_S)
         if not isinstance(reply, AssistantReply):
             return None, {"refused": "no assistant agent answers: is the society up?"}
         return (None, {"refused": reply.refusal}) if reply.refusal else (reply, {})

@@ -243,7 +243,9 @@ class Avoid(Behaviour):
         idle, self._bid_at = self._was_idle, self.now
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = idle or near or not driven
-        self._update_rest(excused or abs(state.v) > 0.02 * self.sureness or abs(state.w) > 0.05)
+        self._update_rest(
+            excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05
+        )
         self._update_place(pose, excused)
         self._update_stall(state.stalled)
         return self.now < max(self._escape_until, self._back_until)
@@ -269,7 +271,7 @@ class Avoid(Behaviour):
             self._turned_out = False
         elif excused:
             self._around_since = self.now
-        elif self.now - self._around_since > self.p.nowhere_s / self.sureness:
+        elif self.now - self._around_since > self.p.nowhere_s / self.pose_confidence:
             self._around_since = self.now
             self._back_off()
 

@@ -62,7 +62,7 @@ class PathPlanning(Agent):
 
     name = "path-planning"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
     provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)

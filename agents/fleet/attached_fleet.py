@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.agents.fleet.messages import FleetClaims
 from armadico.agents.fleet.run import HEAR_S, FleetRun, give, names_of, short, tasks_of
 from armadico.core.messages import Message, RobotState
-from armadico.launch.attached import COME_S, SAY_S, STOP_S
+from armadico.launch.attached import COME_S, REPORT_S, STOP_S
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import SILENT_S
 from armadico.mesh.topology import MeshError, TopologyError, checked_namespace
@@ -78,9 +78,9 @@ class AttachedFleet(FleetRun):
 
     def find(self) -> None:
         """Find the running robots. Raises RunFailedError if there are too few."""
-        if not self._seek(self._enough, SAY_S):
+        if not self._seek(self._enough, REPORT_S):
             self._warn(f"waiting for {self._wanted} or more robots of the fleet {self.fleet!r}")
-        if not self._seek(self._enough, self.come_s - SAY_S):
+        if not self._seek(self._enough, self.come_s - REPORT_S):
             raise RunFailedError(self._lacking())
         self._seek(lambda: False, HEAR_S)  # the whole time, to find all robots
         self._meet()
@@ -103,7 +103,7 @@ class AttachedFleet(FleetRun):
                 f" `armadico resume --namespace {self.names[0]}` releases one that is stopped"
             )
 
-    def hand_over(self) -> int:
+    def request_mission(self) -> int:
         """See `FleetRun`: the robots that can take a task are queried one after another."""
         tasks = tasks_of(self.scenario)
         *others, last = self._able()

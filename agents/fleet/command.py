@@ -97,7 +97,7 @@ def _virtual(
         if args.record is not None:
             names = rehearsal.names
             stack.enter_context(recorded(rehearsal.mesh, args.record, scenario, *names))
-        return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
+        return rehearsal.run(progress if sys.stderr.isatty() else None, options.report)
 
 
 def _live(
@@ -120,16 +120,16 @@ def _live(
     try:
         run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args.mesh), joining)
         with page, recorder(args.mesh, args.record, scenario, *robots), run:
-            options.say(
+            options.report(
                 f"{scenario.name}: starting {len(robots)} robots: {', '.join(robots)}; until it"
                 f" ends well, logs are in {run.table.logs}"
             )
-            result = run.run(progress, options.say)
+            result = run.run(progress, options.report)
             if args.page:
-                options.say(PAGE_ENDS)
+                options.report(PAGE_ENDS)
             return result
     except KeyboardInterrupt:
-        options.say(
+        options.report(
             f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
         )
         raise
@@ -152,10 +152,10 @@ def _attached(
         scouts=_scouts(args.mesh),
         replace=args.replace,
     )
-    run.report_to(options.say)
+    run.report_to(options.report)
     with run:
         run.find()
-        options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
+        options.report(f"{scenario.name}: by the robots {', '.join(run.names)}")
         page = beside(args.mesh, "page", scenario.world, run.names, wanted=args.page)
         with page, recorder(args.mesh, args.record, scenario, *run.names):
             return run.run(progress)
@@ -200,7 +200,7 @@ class _Lines:
         """Print a line on stderr every `LINE_S`."""
         if watch.began is not None and watch.now - self._printed_at >= LINE_S:
             self._printed_at = watch.now
-            options.say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
+            options.report(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
 
 
 def _table(result: FleetResult, label: str) -> None:

@@ -114,14 +114,14 @@ class Fleet(Agent):
 
     name = "fleet"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims, FleetPassages),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (
         *(FleetPose, FleetTasks, FleetClaims, FleetBoard, FleetStatus),
     )
     answers: ClassVar[tuple[type[Message], ...]] = (FleetRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
+    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
     parameters = Parameters
     launched_with = ("namespace",)
     p: Parameters
@@ -352,9 +352,9 @@ class Fleet(Agent):
         """Request the drive to a task from the interface agent."""
         self._end_drive()
         self._doing = task
-        self._drive.ask(self.now)
+        self._drive.request(self.now)
 
-        def replied(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             refusal = self._drive.answered(reply, self.now)
             if self._doing is None:  # the task was dropped meanwhile
                 if not refusal:
@@ -365,7 +365,7 @@ class Fleet(Agent):
                 self._remember(work)
             self._go_on()
 
-        self.ask(MissionRequest(work.list.tasks[task].goal), replied, self.p.planning_s)
+        self.query(MissionRequest(work.list.tasks[task].goal), on_reply, self.p.planning_s)
 
     def _end_drive(self) -> None:
         self._drive.drop()
@@ -377,12 +377,12 @@ class Fleet(Agent):
         if pose is None or self._doing is not None:
             return
 
-        def replied(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             if reply is not None and not reply.refusal:
                 self._drive.own.add(reply.mission)
 
         here = Waypoint(pose.x, pose.y, pose.theta)
-        self.ask(MissionRequest(here, planned=False), replied)
+        self.query(MissionRequest(here, planned=False), on_reply)
 
     def _drop(self, why: str) -> None:
         """Leave the current task; the robot stands if there is no other."""
@@ -434,7 +434,7 @@ class Fleet(Agent):
             self._plan_ahead()
 
         here, there = (self.work.list.tasks[end].goal for end in ends)
-        self.ask(PlanRequest(here, there), planned, self.p.planning_s)
+        self.query(PlanRequest(here, there), planned, self.p.planning_s)
 
     # State ---------------------------------------------------------------------------------------
 

@@ -104,7 +104,7 @@ class GiveWay(Behaviour):
 
     name = "giveway"
     reacts_to = Obstacles
-    hears: ClassVar[tuple[type[Message], ...]] = (*Behaviour.hears, FleetPose, FleetPassages)
+    receives: ClassVar[tuple[type[Message], ...]] = (*Behaviour.receives, FleetPose, FleetPassages)
     provides: ClassVar[tuple[type[Message], ...]] = (FleetPassages,)
     parameters = Parameters
     launched_with = ("v_max", "namespace", "world")

@@ -22,7 +22,7 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import SETTLE_S, Rehearsal
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import FleetPose, Waypoint
-from armadico.runtime.blame import blaming
+from armadico.runtime.blame import attributed
 from armadico.runtime.client import Client
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 
@@ -86,7 +86,7 @@ def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -
 
     Raises MissionRefusedError with the reason, or AbsentError if there is no reply.
     """
-    reply = client.ask(FleetRequest(tuple(tasks), replace), TAKE_S)
+    reply = client.query(FleetRequest(tuple(tasks), replace), TAKE_S)
     if not isinstance(reply, FleetReply):
         raise AbsentError("no fleet agent takes the list of tasks", client.mesh.namespace)
     if reply.refusal:
@@ -123,11 +123,11 @@ class FleetRun(Run[FleetWatch, FleetResult]):
         return next(iter(self.clients.values())).mesh.now()
 
     def begin(self) -> float:
-        self.watch.begin(self.hand_over(), self.now())
+        self.watch.begin(self.request_mission(), self.now())
         self.limit = time_limit(self.scenario, len(self.clients), self.options)
         return self.now()
 
-    def hand_over(self) -> int:
+    def request_mission(self) -> int:
         """Give the list to one robot; return its id.
 
         Raises MissionRefusedError, or AbsentError if there is no reply.
@@ -199,7 +199,7 @@ class FleetRehearsal(FleetRun):
         warn: Callable[[str], None] | None = None,
     ) -> FleetResult:
         """See `Run`. Raises AgentFailedError if an agent's own code raises."""
-        with blaming():
+        with attributed():
             return super().run(progress, warn)
 
     def wait_until(self, condition: Callable[[], bool], seconds: float) -> None:

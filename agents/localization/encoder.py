@@ -66,7 +66,7 @@ class Encoder(Agent):
 
     name = "encoder"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Correction, InitialPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Correction, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Pose, Origin)
     parameters = Parameters
     launched_with = ("x", "y", "theta")

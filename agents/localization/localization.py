@@ -199,7 +199,7 @@ class Localization(Agent):
 
     name = "localization"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile", "start_m", "start_rad")

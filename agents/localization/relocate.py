@@ -92,7 +92,7 @@ class Relocate(Behaviour):
 
     name = "relocate"
     reacts_to = Obstacles
-    hears: ClassVar[tuple[type[Message], ...]] = (*Behaviour.hears, Sonar, Particles)
+    receives: ClassVar[tuple[type[Message], ...]] = (*Behaviour.receives, Sonar, Particles)
     parameters = Parameters
     launched_with = ("v_max", "world", "profile")
     changeable: ClassVar = {

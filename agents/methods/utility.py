@@ -7,10 +7,10 @@ from typing import Final
 MISSION: Final = (0.1, 0.8)
 """Utility of a mission of priority 0 and of priority 1."""
 
-PEOPLES: Final = MISSION[0]
+OPERATOR_ERRAND: Final = MISSION[0]
 """Value of operators' errands, which do not bid: the least that may interrupt a mission."""
 
-CHARGE_ASKED: Final = 0.85
+CHARGE_REQUESTED: Final = 0.85
 """Utility of a charge that was requested: above every mission's."""
 
 CHARGE_SOON: Final = 0.9

@@ -12,10 +12,10 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 
 from armadico.agents.methods.utility import (
-    CHARGE_ASKED,
     CHARGE_NOW,
+    CHARGE_REQUESTED,
     CHARGE_SOON,
-    PEOPLES,
+    OPERATOR_ERRAND,
     ramp_down,
 )
 from armadico.agents.missions.errands import DeliberativeAgent, PlanDesk
@@ -150,7 +150,7 @@ class BatteryCharger(DeliberativeAgent):
 
     name = "battery-charger"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         *(RobotState, Pose, BatteryLevel, BatteryAlarm),
         *(Trajectory, Planned, MissionStatus),
     )
@@ -272,8 +272,8 @@ class BatteryCharger(DeliberativeAgent):
             if self._needed is not None:
                 least = self._needed * p.more + p.reserve * self._full_j
                 worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, CHARGE_SOON))
-        worth = max(worth, CHARGE_ASKED if sent else 0.0)
-        return 0.0 if self._foreign and worth < PEOPLES else worth  # people do not bid
+        worth = max(worth, CHARGE_REQUESTED if sent else 0.0)
+        return 0.0 if self._foreign and worth < OPERATOR_ERRAND else worth  # people do not bid
 
     @property
     def _critical(self) -> bool:

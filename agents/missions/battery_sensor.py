@@ -40,7 +40,7 @@ class BatterySensor(Agent):
 
     name = "battery-sensor"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (RobotState,)
+    receives: ClassVar[tuple[type[Message], ...]] = (RobotState,)
     provides: ClassVar[tuple[type[Message], ...]] = (BatteryLevel, BatteryAlarm)
     parameters = Parameters
     launched_with = ("profile", "capacity_ah")

@@ -181,7 +181,7 @@ def _cancel(args: Options) -> int:
                 raise FailedError(f"{args.name}: the mission is over already")
         for number in numbers:
             request = MissionCancel(number, "armadico mission cancel")
-            reply = client.ask(request, ANSWER_S, patience=FIND_S)
+            reply = client.query(request, ANSWER_S, patience=FIND_S)
             if not isinstance(reply, MissionReply):
                 raise AbsentError("no agent that takes missions is alive", client.mesh.namespace)
             if reply.refusal:

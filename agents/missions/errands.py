@@ -276,10 +276,10 @@ class DeliberativeAgent(Agent):
     """An agent that has the robot driven by an errand, to which it passes what it receives.
 
     A subclass begins a drive (`errand.go`) and bids what `errand.bid_for` returns. It lists these
-    messages in its own `hears`, too.
+    messages in its own `receives`, too.
     """
 
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
     competes_for = (PLANNER, TRAJECTORY)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:

@@ -60,13 +60,13 @@ class Explore(Agent):
 
     name = "explore"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, OccupancyGrid, MissionStatus),
         *(ChargeStatus, BatteryLevel),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     parameters = Parameters
     launched_with = ("profile",)
     changeable: ClassVar = {"stuck_s": "s", "tries": "", "charged": ""}
@@ -244,14 +244,14 @@ class Explore(Agent):
         goal = Waypoint(end.x, end.y, theta if abs(theta) <= pi else 0.0)
         self._drop()
         self._target, self._way = end, places
-        self._order.ask(self.now)
+        self._order.request(self.now)
 
-        def replied(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             refusal = self._order.answered(reply, self.now)
             if refusal and self._at_work:
                 self._failed(f"a mission was refused: {refusal}")
 
-        self.ask(MissionRequest(goal, through, planned=False), replied)
+        self.query(MissionRequest(goal, through, planned=False), on_reply)
 
     def _arrived(self) -> None:
         if self._state is ExploreState.RETURNING:

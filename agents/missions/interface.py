@@ -146,10 +146,10 @@ class Interface(Agent):
 
     name = "interface"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, ByHand)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, ByHand)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus, InitialPose)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
     owns = (TRAJECTORY,)
     parameters = Parameters
     changeable: ClassVar = {
@@ -262,7 +262,7 @@ class Interface(Agent):
             late = self._may_not_replace(request)
             self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan))
 
-        self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
+        self.query(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
 
     def _may_not_replace(self, request: MissionRequest) -> bool:
@@ -280,24 +280,24 @@ class Interface(Agent):
         assert isinstance(order, MissionOrder)
         order = order if order.mission else replace(order, mission=self.rng.getrandbits(63) or 1)
 
-        def replied(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             if reply is None:
                 self._withdraw(MissionCancel(order.mission, order.by))
                 reply = MissionReply(0, f"{NO_MISSION_PLANNING}; the order is withdrawn")
             self.answer(question, reply)
 
-        self.ask(MissionProposal(order), replied)
+        self.query(MissionProposal(order), on_reply)
 
     def on_mission_cancel(self, question: Question) -> None:
         cancel = question.request
         assert isinstance(cancel, MissionCancel)
 
-        def replied(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             if reply is None and cancel.mission:
                 self._withdraw(cancel)
             self.answer(question, reply or MissionReply(0, NO_MISSION_PLANNING))
 
-        self.ask(MissionWithdrawal(cancel), replied)
+        self.query(MissionWithdrawal(cancel), on_reply)
 
     def _withdraw(self, cancel: MissionCancel) -> None:
         """Withdraw a mission repeatedly until there is a reply."""
@@ -306,7 +306,7 @@ class Interface(Agent):
         self._withdraw_again()
 
     def _withdraw_again(self) -> None:
-        def replied(number: int, reply: MissionReply | None) -> None:
+        def on_reply(number: int, reply: MissionReply | None) -> None:
             if reply is not None:
                 self._withdrawn.pop(number, None)
 
@@ -314,7 +314,7 @@ class Interface(Agent):
             if self.now > until:
                 del self._withdrawn[number]
             else:
-                self.ask(MissionWithdrawal(cancel), partial(replied, number))
+                self.query(MissionWithdrawal(cancel), partial(on_reply, number))
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
         """Return why no path can be driven: the pose is unknown."""
@@ -377,9 +377,9 @@ class Interface(Agent):
 
     def on_pose(self, pose: Pose) -> None:
         """Follow the trajectory; publish the progress and the arrival."""
-        unheard, self._pose_at = self.now - self._pose_at, self.now
-        if unheard > UNHEARD_S:
-            self._nearing = self._nearing.without(unheard, self.now)
+        discard_output, self._pose_at = self.now - self._pose_at, self.now
+        if discard_output > UNHEARD_S:
+            self._nearing = self._nearing.without(discard_output, self.now)
         self._check_placed(pose)
         if self._state is not MissionState.DRIVING:
             return
@@ -504,7 +504,7 @@ class Interface(Agent):
                 self._take_way(plan, here, why)
 
         start = Waypoint(pose.x, pose.y, pose.theta)
-        self.ask(PlanRequest(start, goal, why), planned, self.p.planning_s)
+        self.query(PlanRequest(start, goal, why), planned, self.p.planning_s)
 
     def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
         """Drive another path to the same goal."""

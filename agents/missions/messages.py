@@ -39,7 +39,7 @@ class ExploreRequest(Order, frozen=True):
     home: Waypoint | None = None  # where it ends; null: where the robot is now
 
     @property
-    def asks_for(self) -> str:
+    def kind_name(self) -> str:
         """The name of this kind of errand."""
         return "explorations"
 

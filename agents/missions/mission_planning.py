@@ -138,13 +138,13 @@ class MissionPlanning(DeliberativeAgent):
 
     name = "mission-planning"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
-        *DeliberativeAgent.hears,
+    receives: ClassVar[tuple[type[Message], ...]] = (
+        *DeliberativeAgent.receives,
         *(ExploreStatus, Board, Alarm, Subplan, BatteryLevel, ChargeStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
-    asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
+    queries: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -288,7 +288,7 @@ class MissionPlanning(DeliberativeAgent):
             self._query_plans(name, instance)
 
     def _query_plans(self, name: str, instance: str) -> None:
-        def replied(card: Card | None) -> None:
+        def on_reply(card: Card | None) -> None:
             if instance not in self._alive:
                 return
             if card is not None and card.instance == instance:
@@ -296,7 +296,7 @@ class MissionPlanning(DeliberativeAgent):
             else:
                 self._query_plans(name, instance)
 
-        self.ask_card(name, instance, replied)
+        self.query_card(name, instance, on_reply)
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         """Stop waiting for it, in case it is a planner agent."""
@@ -577,7 +577,7 @@ class MissionPlanning(DeliberativeAgent):
         """Send an order to another agent, repeatedly."""
         if self.now >= wants.patience.again_at:
             wants.wait(self.now + ORDER_S)
-            self.ask(request, lambda reply: self._ordered(wants.key, reply, what))
+            self.query(request, lambda reply: self._ordered(wants.key, reply, what))
 
     def _explore(self, wants: Exploring, request: Explore) -> None:
         """Order an exploration; again if the explore agent has lost it."""
@@ -638,7 +638,7 @@ class MissionPlanning(DeliberativeAgent):
         assert errand.goal is not None, "it has a plan"
         assert errand.plan is not None, "it has a plan"
 
-        def replied(reply: EnergyReply | None) -> None:
+        def on_reply(reply: EnergyReply | None) -> None:
             if self._wanted is not wants or errand.plan is None:
                 return
             if reply is None or reply.enough:
@@ -646,7 +646,7 @@ class MissionPlanning(DeliberativeAgent):
             else:
                 self._not_enough(entry, wants, reply, beliefs)
 
-        self.ask(EnergyRequest(errand.goal, errand.plan.energy), replied)
+        self.query(EnergyRequest(errand.goal, errand.plan.energy), on_reply)
 
     def _not_enough(
         self, entry: Entry, wants: Driving, reply: EnergyReply, beliefs: Beliefs

@@ -39,9 +39,9 @@ class Planner(Agent):
     """
 
     plans: ClassVar[tuple[Surprise, ...]] = (Surprise.ALARM,)
-    hears: ClassVar[tuple[type[Message], ...]] = (SubplanRequest,)
+    receives: ClassVar[tuple[type[Message], ...]] = (SubplanRequest,)
     provides: ClassVar[tuple[type[Message], ...]] = (Subplan,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def steps(self, request: SubplanRequest) -> Sequence[PlanStep] | str:
         """Return the steps to do before the mission goes on, or a text why there are none.
@@ -141,7 +141,7 @@ class _Legs:
             return
         start, goal = self._legs.pop(0)
         heading = atan2(goal.y - start.y, goal.x - start.x)
-        self._planner.ask(
+        self._planner.query(
             PlanRequest(start, Waypoint(goal.x, goal.y, heading), "a sub-plan"), self._planned
         )
 

@@ -36,7 +36,7 @@ class LaserAgent(Perception):
     """
 
     name = "laser"
-    hears: ClassVar[tuple[type[Message], ...]] = (Scan, *Perception.hears)
+    receives: ClassVar[tuple[type[Message], ...]] = (Scan, *Perception.receives)
     parameters = Parameters
     p: Parameters
 

@@ -35,7 +35,7 @@ class Mapping(Agent):
 
     name = "mapping"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan, Description)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (OccupancyGrid,)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters

@@ -66,7 +66,7 @@ class Perception(Agent):
     """
 
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Description, Pose, Correction, FleetPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Description, Pose, Correction, FleetPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
     parameters = Parameters
     launched_with = ("world", "namespace")

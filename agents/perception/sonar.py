@@ -55,7 +55,7 @@ class SonarAgent(Perception):
     """Adds the echoes to its map, and publishes the obstacles that are near."""
 
     name = "sonar"
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, *Perception.hears)
+    receives: ClassVar[tuple[type[Message], ...]] = (Sonar, *Perception.receives)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters
     p: Parameters

@@ -182,9 +182,9 @@ class Monitor(Agent):
     """Detects agents that hang or are missing, and requests restarts and starts. Sans-IO."""
 
     name = "monitor"
-    hears: ClassVar[tuple[type[Message], ...]] = (*WATCHED, HostShare, MonitorReport, Trajectory)
+    receives: ClassVar[tuple[type[Message], ...]] = (*WATCHED, HostShare, MonitorReport, Trajectory)
     provides: ClassVar[tuple[type[Message], ...]] = (MonitorReport,)
-    asks: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
     parameters = Parameters
     p: Parameters
 
@@ -251,7 +251,7 @@ class Monitor(Agent):
         if self.now - self._late_from >= 2.0 * self.p.late_s:
             self._late_from = self.now
 
-    def on_met(self, card: Card) -> None:
+    def on_card(self, card: Card) -> None:
         known = self._known.get(card.instance)
         if known is not None:
             known.card, known.answered_at = card, self.now
@@ -432,7 +432,7 @@ class Monitor(Agent):
             silent = self.now - known.answered_at >= PROBE_S or known.card is None
             if silent and not known.queried:
                 known.queried = True
-                self.ask_card(known.name, known.instance, _card_handler(self, known), PROBE_S)
+                self.query_card(known.name, known.instance, _card_handler(self, known), PROBE_S)
 
     def _watched_keys(self) -> Iterator[tuple[str, float, list[_Known]]]:
         """Yield each watched key, its rate in Hz, and the live instances that provide it."""
@@ -568,7 +568,7 @@ class Monitor(Agent):
                 self.log(self._note, WARNING)
 
         request = WakeupRequest(order, name, pid, line(why))
-        self.ask(request, on_reply, instance=share.instance)
+        self.query(request, on_reply, instance=share.instance)
 
     # Emergency stop ------------------------------------------------------------------------------
 
@@ -623,7 +623,7 @@ def _card_handler(monitor: Monitor, known: _Known) -> Any:
     def on_card(card: Card | None) -> None:
         known.queried = False
         if card is not None and card.instance == known.instance:
-            monitor.on_met(card)
+            monitor.on_card(card)
 
     return on_card
 

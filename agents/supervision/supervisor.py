@@ -303,7 +303,7 @@ class Upkeep:
         for process in self.table.take_ended():
             label, code = process.name, process.popen.returncode
             self._well &= self._ending.pop(label, None) is not None
-            self.machine.put_event(Event(label, 0, ending(code), code, process.last_words()))
+            self.machine.put_event(Event(label, 0, ending(code), code, process.last_lines()))
 
     def _report_load(self) -> None:
         """Report the machine's load to the wakeup agent."""

@@ -156,7 +156,7 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
     from armadico.config.worlds import bare
 
     if scenario is not None and (warning := bare(scenario.world)):
-        options.say(warning)
+        options.report(warning)
     start = pose(args.start)
     if start is None:
         return scenario
@@ -234,7 +234,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
 
     from armadico.agents.supervision.supervisor import Plan
     from armadico.config.discovery import owners
-    from armadico.config.hosts import nobodys, robot_fault, serial_port
+    from armadico.config.hosts import robot_fault, serial_port, unplaced
     from armadico.config.scenarios import Scenario
     from armadico.core.resources import WHEELS
     from armadico.launch.society import Options as Chosen
@@ -260,7 +260,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:
         raise UsageError(f"--robot {args.robot}: host {own} starts no robot agent")
-    lacking = nobodys(names(scenario), where.table) if scenario else ()
+    lacking = unplaced(names(scenario), where.table) if scenario else ()
     if lacking:
         _log(
             f"{args.scenario} needs agents that no host of {where.table.file} runs:"
@@ -348,7 +348,7 @@ def _ready(host: str, names: str) -> Callable[[float], None]:
         try:
             print(f"{host} is up after {took:.1f} s: {names}", flush=True)
         except OSError:  # a closed output must not end the society
-            options.unheard()
+            options.discard_output()
         _notify("READY=1")
 
     return ready

@@ -195,7 +195,7 @@ class Wakeup(DeviceAgent):
     """Keeps a host's processes up within a budget, and answers requests."""
 
     name = "wakeup"
-    hears: ClassVar[tuple[type[Message], ...]] = (HostShare, MonitorReport)
+    receives: ClassVar[tuple[type[Message], ...]] = (HostShare, MonitorReport)
     provides: ClassVar[tuple[type[Message], ...]] = (HostShare,)
     answers: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
     parameters = Parameters
@@ -234,7 +234,7 @@ class Wakeup(DeviceAgent):
         self._present.pop(instance, None)
         self._shares.pop(instance, None)
 
-    def on_met(self, card: Card) -> None:
+    def on_card(self, card: Card) -> None:
         if card.instance in self._present:
             self._present[card.instance] = (card.name, card)
             self._check_started()
@@ -289,11 +289,11 @@ class Wakeup(DeviceAgent):
 
         def on_card(card: Card | None) -> None:
             if card is not None and card.instance == instance:
-                self.on_met(card)
+                self.on_card(card)
             else:
                 self._query_card(name, instance)
 
-        self.ask_card(name, instance, on_card, CARD_S)
+        self.query_card(name, instance, on_card, CARD_S)
 
     def _check_started(self) -> None:
         """Mark the starting processes whose agents are all on the mesh as up."""

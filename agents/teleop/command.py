@@ -209,7 +209,7 @@ def _await(client: Client, process: Process, name: str) -> None:
         return process.ended() or any(name == alive for alive, _ in client.alive)
 
     if not client.wait_for(there, COME_S) or process.ended():
-        raise options.FailedError(f"{name} did not start:\n{process.last_words()}")
+        raise options.FailedError(f"{name} did not start:\n{process.last_lines()}")
 
 
 # The terminal -------------------------------------------------------------------------------------
@@ -305,7 +305,9 @@ def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     stopped = ""
     if state.stop.stopped:
         first = remedy(state.stop, motors=state.motors)
-        stopped = f"stopped by {state.stop.who}: {f'{first}, then r' if first else 'r releases it'}"
+        stopped = (
+            f"stopped by {state.stop.requester}: {f'{first}, then r' if first else 'r releases it'}"
+        )
     return f"{going}  {stopped or status.note or ('by hand' if status.holds else '')}"
 
 

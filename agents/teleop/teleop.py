@@ -66,7 +66,7 @@ class Teleop(Behaviour):
     alone = True  # two would obey one stick
     reacts_to = Obstacles
     needs: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
-    hears: ClassVar[tuple[type[Message], ...]] = (Stick, Description)
+    receives: ClassVar[tuple[type[Message], ...]] = (Stick, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (TeleopStatus,)
     needs_goal: ClassVar[bool] = False
     parameters = Parameters
@@ -190,7 +190,7 @@ class Teleop(Behaviour):
     def _note(self, *, holds: bool) -> str:
         """Return why the robot is slower than the stick demands."""
         if (stop := self.stopped) is not None:
-            return line(f"stopped by {stop.who}")
+            return line(f"stopped by {stop.requester}")
         if not self._hand:
             return ""
         last = self.bids[-1] if self.bids else None

@@ -106,7 +106,7 @@ def _serve(args: Options) -> int:
     kinds = [agent_class(name) for name in args.names]
     from armadico.core.agent import DeviceAgent
     from armadico.core.resources import WHEELS
-    from armadico.runtime.blame import blaming
+    from armadico.runtime.blame import attributed
     from armadico.runtime.port_reader import open_port
     from armadico.runtime.process import identity, serve
 
@@ -121,7 +121,7 @@ def _serve(args: Options) -> int:
     )
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
-        with blaming(kind):
+        with attributed(kind):
             agents.append(kind(identity(kind.name, where.name), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}

@@ -69,13 +69,13 @@ def beside(
             raise FailedError(f"the {command} did not start; leave out --{command}")
         print(link, end="", file=sys.stderr, flush=True)
         if wait:
-            options.say("armadico run: open the link; the run begins when a viewer connects")
+            options.report("armadico run: open the link; the run begins when a viewer connects")
             if not process.line():
                 raise FailedError(f"the {command} ended before the run began")
         yield
         if wait:
             with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
-                options.say(f"armadico run: the run is over; Ctrl-C ends the {command}")
+                options.report(f"armadico run: the run is over; Ctrl-C ends the {command}")
                 process.popen.wait()
     finally:
         end(process.popen, number=signal.SIGINT, within_s=LEAVE_S)
@@ -113,4 +113,4 @@ class Helpers:
         words = ["agent", name, "--namespace", namespace, *self._joining]
         log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
         self.processes[namespace, name] = Process(name, words, log, tied=True)
-        return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
+        return "" if known is None else f"it had ended: {known.last_lines(1).strip()}"

@@ -163,7 +163,7 @@ def _show(args: Options, world: World | None) -> int:
 
         live.run(ended)
         if window is not None and window.ended():
-            options.say("armadico dashboard: the viewer has ended, so the dashboard ends")
+            options.report("armadico dashboard: the viewer has ended, so the dashboard ends")
     return 0
 
 

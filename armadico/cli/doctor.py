@@ -330,10 +330,10 @@ def _faults(cards: Iterable[Card]) -> Iterator[Finding]:
 
 def stands(found: Standing) -> Finding:
     """Whether the robot stands, and why, down to the missing agent."""
-    from armadico.observe.standing import AS_ASKED, AT_FAULT
+    from armadico.observe.standing import AT_FAULT, NO_FAULT
 
     cause, what = found.cause, " ".join(found.sentences)
-    if cause is None or cause.sort in AS_ASKED:
+    if cause is None or cause.sort in NO_FAULT:
         return Finding("standing", OK, what)
     return Finding("standing", WRONG if cause.sort in AT_FAULT else NOTE, what, cause.todo)
 
@@ -347,9 +347,9 @@ def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Find
         yield Finding("battery", NOTE, f"nearly empty: {battery(state, level)}", todo)
     else:
         yield Finding("battery", OK, battery(state, level))
-    if state.line.told:
+    if state.line.summary:
         todo = "check cable, plugs, baud rate and batteries"
-        yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
+        yield Finding("line", NOTE, f"from the controller: {state.line.summary}", todo)
     else:
         yield Finding("line", OK, "no errors in the data from the controller")
 

@@ -15,7 +15,7 @@ from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
 
 if TYPE_CHECKING:
-    from armadico.observe.watching import Heard, Watcher
+    from armadico.observe.watching import Received, Watcher
 
 HINT_S: Final = 3.0
 """After this time without a message a line is printed."""
@@ -71,19 +71,19 @@ class Options(Listening):
 
 def run(args: Options) -> int:
     mesh = args.mesh.join()
-    from armadico.observe.watching import Heard, Watcher
+    from armadico.observe.watching import Received, Watcher
 
     with mesh:
         watcher = Watcher([mesh])
         watcher.subscribe(args.pattern)
         for _ in range(args.count) if args.count else iter(int, 1):
             item = receive(watcher, args)
-            assert isinstance(item, Heard), "the watcher subscribes to messages only"
+            assert isinstance(item, Received), "the watcher subscribes to messages only"
             print(options.shown(line_of(item, as_json=args.json)), flush=True)
     return 0
 
 
-def receive(watcher: Watcher, args: Listening) -> Heard | Any:
+def receive(watcher: Watcher, args: Listening) -> Received | Any:
     """The next message. Raises FailedError or AbsentError after `--timeout`."""
     what = f"nothing is published on {args.pattern}"
     item = watcher.get(min(args.timeout or HINT_S, HINT_S))
@@ -102,7 +102,7 @@ def receive(watcher: Watcher, args: Listening) -> Heard | Any:
     return item
 
 
-def line_of(item: Heard, *, as_json: bool) -> str:
+def line_of(item: Received, *, as_json: bool) -> str:
     """A message as one line."""
     from armadico.core.messages import MessageError
     from armadico.observe.watching import as_object, read

@@ -121,18 +121,18 @@ class Reason:
     def now(self) -> str:
         """The cause and what to do; "" while it moves or stands as ordered."""
         from armadico.config.discovery import providers
-        from armadico.observe.standing import AS_ASKED, standing
-        from armadico.observe.watching import ASK_S, show
+        from armadico.observe.standing import NO_FAULT, standing
+        from armadico.observe.watching import QUERY_S, show
 
         if (now := time.monotonic()) >= self._query_at:
-            self._query_at = now + ASK_S
-            self._watcher.ask_for_cards()
-            self._watcher.ask_for_bids()
+            self._query_at = now + QUERY_S
+            self._watcher.query_cards()
+            self._watcher.query_bids()
         while (item := self._watcher.get(0.0)) is not None:
             show(self._view, item)
         now = self._watcher.clock() / 1e9
         cause = standing(self._view, now, providers, self._hosts).cause
-        if cause is None or cause.sort in AS_ASKED:
+        if cause is None or cause.sort in NO_FAULT:
             return ""
         return options.shown(f"{cause.what} -> {cause.todo}" if cause.todo else cause.what)
 
@@ -153,7 +153,7 @@ def _sent(client: Client, args: Options) -> Mission:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise
             if not reported:
-                options.say(f"waiting for the society to start: {options.shown(error.args[0])}")
+                options.report(f"waiting for the society to start: {options.shown(error.args[0])}")
             reported = True
             client.wait_for(lambda: None, AGAIN_S)
 
@@ -166,7 +166,7 @@ def _starts(client: Client, args: Options) -> bool:
     if pose is None or args.direct:
         return pose is None
     here, goal = Waypoint(pose.x, pose.y, pose.theta), Waypoint(args.x, args.y, 0.0)
-    return client.ask(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
+    return client.query(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
 
 
 def _left_behind(client: Client) -> str:
@@ -176,7 +176,7 @@ def _left_behind(client: Client) -> str:
 
     state = client.latest(RobotState)
     if state is not None and state.stop.stopped:
-        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"the robot is stopped by {by}; it continues after {how}"
     return "the robot continues; `armadico stop` stops it"
 
@@ -189,7 +189,7 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
     if state is None:
         return reason or "no message from the robot"
     if state.stop.stopped:
-        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"stopped by {by}; {how}"
     if status is not None and status.note:
         return options.shown(status.note)

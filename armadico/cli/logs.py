@@ -16,7 +16,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
 
 if TYPE_CHECKING:
-    from armadico.observe.watching import Heard
+    from armadico.observe.watching import Received
 
 LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 
@@ -56,7 +56,7 @@ def run(args: Options) -> int:
 
 def _follow(args: Options) -> int:
     mesh = args.mesh.join()
-    from armadico.observe.watching import Heard, Watcher
+    from armadico.observe.watching import Received, Watcher
 
     with mesh:
         watcher = Watcher([mesh])
@@ -64,12 +64,12 @@ def _follow(args: Options) -> int:
         end = time.monotonic() + (args.timeout or float("inf"))
         while (left := end - time.monotonic()) > 0:
             item = watcher.get(min(left, 60.0))
-            if isinstance(item, Heard):
+            if isinstance(item, Received):
                 _show(args, item)
     return 0
 
 
-def _show(args: Options, item: Heard) -> None:
+def _show(args: Options, item: Received) -> None:
     from armadico.core.messages import Log
     from armadico.observe.view import agent_of
     from armadico.observe.watching import read_or_none

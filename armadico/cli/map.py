@@ -47,7 +47,7 @@ def save(client: Client, file: Path) -> str:
     from armadico.mobile.messages import MapRequest, OccupancyGrid
     from armadico.runtime.errors import AbsentError
 
-    grid = client.ask(MapRequest(), ANSWER_S, patience=FIND_S)
+    grid = client.query(MapRequest(), ANSWER_S, patience=FIND_S)
     if not isinstance(grid, OccupancyGrid):
         raise AbsentError("no agent that makes a map is alive", client.mesh.namespace)
     try:

@@ -56,7 +56,7 @@ INTERRUPTED: Final = 130
 JOIN_S: Final = 1.0
 """How long a short command waits for a robot agent: without one it ends within 2 s."""
 
-SAY_S: Final = 1.5
+REPORT_S: Final = 1.5
 """As in `armadico.mesh.zenoh`, which --help does not import."""
 
 NAMESPACE_HELP: Final = f"the robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})"
@@ -84,18 +84,18 @@ def guarded(program: str, command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        return unheard()  # the reader of the pipe has ended
+        return discard_output()  # the reader of the pipe has ended
     except OSError as error:  # full disk, no file descriptors, a name that is too long, ...
         what = ": ".join(map(str, filter(None, (error.filename, error.strerror or error))))
         if error.errno == errno.ENOSPC and error.filename is None:
-            unheard()
+            discard_output()
         return _say(program, OSError(what), FAILED)
     except MemoryError:
         return _say(program, MemoryError("not enough memory for that"), FAILED)
     return code
 
 
-def unheard() -> int:
+def discard_output() -> int:
     """Discard standard output, so that the flush at exit does not fail again; returns FAILED."""
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - only the descriptor is used
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
@@ -205,7 +205,7 @@ def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedEr
     """
     if mesh.wait_joined(0.0):
         return AbsentError(what, mesh.namespace)
-    return FailedError(what if waited > SAY_S else mesh.missing)
+    return FailedError(what if waited > REPORT_S else mesh.missing)
 
 
 # Options of several commands ----------------------------------------------------------------------
@@ -275,7 +275,7 @@ def end_as_by_ctrl_c() -> None:
             signal.signal(number, signal.default_int_handler)
 
 
-def say(text: str) -> None:
+def report(text: str) -> None:
     """Print a line on stderr; stdout is for the command's result."""
     print(text, file=sys.stderr, flush=True)
 

@@ -68,7 +68,7 @@ class _Lines:
     def show(self, watch: RunWatch) -> None:
         if watch.elapsed - self._printed_at >= LINE_S:
             self._printed_at = watch.elapsed
-            options.say(f"{self._label} {watch.elapsed:6.1f} s  {remark(watch)}")
+            options.report(f"{self._label} {watch.elapsed:6.1f} s  {remark(watch)}")
 
 
 def remark(watch: RunWatch) -> str:
@@ -87,7 +87,7 @@ def remark(watch: RunWatch) -> str:
     if state is None:
         return f"{to_go}, no message from the robot"
     if state.stop.stopped:
-        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"{to_go}, stopped by {by}; {how}"
     holder = options.shown(watch.holder or "no agent")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"

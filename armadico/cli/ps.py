@@ -107,7 +107,7 @@ def _of_host(
         for agent in sorted(client.alive):
             if agent[0] in wanted and agent not in found:
                 found[agent] = None
-                client.request_card(*agent, timeout, partial(found.__setitem__, agent))
+                client.query_card(*agent, timeout, partial(found.__setitem__, agent))
         here = [card.name for card in found.values() if card is not None and card.host == host]
         return sorted(here) == sorted(wanted)
 

@@ -103,12 +103,12 @@ def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str
             deadline = time.monotonic() + START_S
             while not (path.exists() and path.stat().st_size):
                 if recorder.ended() or time.monotonic() >= deadline:
-                    raise FailedError(f"nothing is recorded:\n{recorder.last_words()}")
+                    raise FailedError(f"nothing is recorded:\n{recorder.last_lines()}")
                 time.sleep(LOOK_S)
             yield
         finally:
             end(recorder.popen)
-            summary = recorder.last_words(1).strip()
+            summary = recorder.last_lines(1).strip()
     _say(summary)
 
 

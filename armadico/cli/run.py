@@ -147,7 +147,7 @@ def _series(args: Drive, scenario: Scenario, chosen: Chosen, seeds: range) -> li
 
     def report(seed: int, driven: _Driven) -> None:
         if args.runs is not None:
-            options.say(f"{scenario.name} seed {seed}: {driven[0].verdict}")
+            options.report(f"{scenario.name} seed {seed}: {driven[0].verdict}")
 
     if not args.virtual or args.runs is None:
         results = []
@@ -169,10 +169,10 @@ def _drive(args: Drive, scenario: Scenario, chosen: Chosen, seed: int) -> _Drive
     watch = drive(args, scenario, replace(chosen, seed=seed), faults.append)
     run = Run.of(scenario, watch)
     if watch.errand is not None and watch.tasks is None:
-        options.say(options.shown(watch.errand.summary))
+        options.report(options.shown(watch.errand.summary))
     if watch.tasks is not None and args.runs is None:
         for step in watch.tasks.steps or ():
-            options.say(f"{step.at:8.1f} s  {options.shown(str(step))}")
+            options.report(f"{step.at:8.1f} s  {options.shown(str(step))}")
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)
@@ -186,7 +186,7 @@ def _virtual(
 
     rehearsal = Rehearsal(scenario, chosen)
     first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
-    warn = options.say if first else None  # the warnings of all seeds are the same
+    warn = options.report if first else None  # the warnings of all seeds are the same
     quiet = args.runs is not None or not sys.stderr.isatty()  # a series has its own bar
     bar = nullcontext() if quiet else progress.shown(_label(scenario, chosen))
     with _recording(args, scenario, rehearsal, report), bar as show:
@@ -217,27 +217,29 @@ def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], No
             progress.shown(_label(scenario, chosen)) as show,
         ):
             try:
-                run.run(show, options.say)
+                run.run(show, options.report)
             except KeyboardInterrupt:
                 _rescue_map(args, run.client)
                 raise
             _keep_map(args, run.client)
             if args.wait or args.page:  # the table is printed after Ctrl-C
-                options.say(f"{scenario.name}: {run.watch.result().verdict}")
+                options.report(f"{scenario.name}: {run.watch.result().verdict}")
             if args.page and args.limit is None:
                 _stay(run)
             elif args.page:
-                options.say(PAGE_ENDS)
+                options.report(PAGE_ENDS)
     except KeyboardInterrupt:
         if not args.attach:  # an attached run has reported what it leaves
-            options.say(f"{scenario.name}: interrupted; all its processes have ended, no measures")
+            options.report(
+                f"{scenario.name}: interrupted; all its processes have ended, no measures"
+            )
         raise
     return run.watch
 
 
 def _stay(run: LiveRun) -> None:
     """Keep the society until Ctrl-C: the page can send the robot on."""
-    options.say("armadico run: the run is over; the society and its page stay until Ctrl-C")
+    options.report("armadico run: the run is over; the society and its page stay until Ctrl-C")
     with suppress(KeyboardInterrupt):
         while True:
             run.wait_on()
@@ -252,7 +254,7 @@ def _keep_map(args: Drive, client: Client) -> None:
     if args.map is not None:
         from armadico.cli.map import save
 
-        options.say(save(client, args.map))
+        options.report(save(client, args.map))
 
 
 def _rescue_map(args: Drive, client: Client) -> None:
@@ -269,13 +271,13 @@ def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) ->
     if args.attach:
         from armadico.launch.attached import AttachedRun
 
-        options.say(f"{scenario.name}: with the society in namespace {args.mesh.namespace!r}")
+        options.report(f"{scenario.name}: with the society in namespace {args.mesh.namespace!r}")
         return AttachedRun(scenario, chosen, mesh)
     from armadico.launch.local import Launcher
 
     joining = args.mesh.endpoints().words
     launcher = Launcher(scenario, chosen, mesh, mesh.namespace, joining=joining)
-    options.say(f"{scenario.name}: starting; logs are in {launcher.logs} until it succeeds")
+    options.report(f"{scenario.name}: starting; logs are in {launcher.logs} until it succeeds")
     return launcher
 
 
@@ -344,13 +346,13 @@ def _plot(path: Path, run: Run) -> None:
     try:
         run.plot(path)
     except ImportError:
-        options.say(NOTHING_DRAWS)
+        options.report(NOTHING_DRAWS)
     except OSError as error:
         with suppress(OSError):
             path.unlink()  # it is incomplete
-        options.say(f"no picture: cannot write {path}: {error.strerror}")
+        options.report(f"no picture: cannot write {path}: {error.strerror}")
     else:
-        options.say(f"picture: {path}")
+        options.report(f"picture: {path}")
 
 
 main: Final = Command(

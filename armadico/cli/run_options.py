@@ -200,10 +200,10 @@ def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | N
     _check_together(args, names(scenario))
     if somewhere and blind(scenario):
         why = "a wall is between start and goal, and no path is planned"
-        options.say(f'{scenario.name}: {why}; plan = "rooms" plans one')
+        options.report(f'{scenario.name}: {why}; plan = "rooms" plans one')
     if somewhere and scenario.goal is None and scenario.mission is None and not scenario.tasks:
         todo = "" if args.virtual else "; armadico goto X Y sends the robot to one"
-        options.say(f"{scenario.name}: no goal{todo}")
+        options.report(f"{scenario.name}: no goal{todo}")
     return scenario
 
 

@@ -205,7 +205,7 @@ def _scenario(args: Options) -> Scenario:
 
     world = load_world(args.world)
     if warning := bare(args.world):
-        options.say(warning)
+        options.report(warning)
     start = world.start or (0.0, 0.0, 0.0)
     x, y, heading = args.start or (*start[:2], 0.0)
     if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not

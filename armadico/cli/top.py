@@ -125,8 +125,8 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
     while (now := time.monotonic()) < end:
         if now >= query_at:
             query_at = now + (QUERY_S if snapshots.view.complete else SHOW_S / 2)
-            watcher.ask_for_cards()
-            watcher.ask_for_bids()
+            watcher.query_cards()
+            watcher.query_bids()
             snapshots.at(watcher.clock() / 1e9)  # CPU is measured from here on
         item = watcher.get(min(query_at, end) - now)
         if item is not None:
@@ -147,8 +147,8 @@ def _live(snapshots: Snapshots, watcher: Watcher) -> int:
     with Live(auto_refresh=False, screen=True) as live:
         try:
             while True:
-                watcher.ask_for_cards()
-                watcher.ask_for_bids()
+                watcher.query_cards()
+                watcher.query_bids()
                 for _ in range(round(QUERY_S / SHOW_S)):
                     for item in watcher.until(time.monotonic() + SHOW_S):
                         show(snapshots.view, item)

@@ -176,13 +176,13 @@ def _answer(args: Options, past: Past) -> Answer:
         Collision,
         Exchange,
         Moment,
-        unasked,
+        missing_bids,
     )
 
     past.check()
     answer = _read(args, past, {})
     event = answer.found
-    if isinstance(event, Collision | Exchange | Moment) and (silent := unasked(event)):
+    if isinstance(event, Collision | Exchange | Moment) and (silent := missing_bids(event)):
         again = _replayed(past, silent, event.t)
         return _read(args, past, again) if again else answer
     return answer

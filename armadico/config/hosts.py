@@ -277,7 +277,7 @@ def serial_port(url: str) -> Path | None:
     return Path(parts.netloc + parts.path) if parts.scheme == "serial" else None
 
 
-def nobodys(names: Iterable[str], table: HostTable) -> tuple[str, ...]:
+def unplaced(names: Iterable[str], table: HostTable) -> tuple[str, ...]:
     """The agents among `names` that no host of the table runs."""
     placed = {agent for host in table.hosts.values() for agent in host.agents}
     return tuple(name for name in names if name not in placed)

@@ -7,9 +7,9 @@ the card. An agent holds no socket, thread, clock or sleep. Its driver (`armadic
 passes messages and the time to it and sends the contents of `outbox`.
 
 The modules of figure 3.6: internal state is the subclass's attributes and `latest`; collaboration
-is `reacts_to`, `needs`, `hears`, `provides`, `answers` and `asks`; goal is `bid` and the handlers;
-competition is `competes_for`; coordination is one `Contender` per resource; helper methods are
-here.
+is `reacts_to`, `needs`, `receives`, `provides`, `answers` and `queries`; goal is `bid` and the
+handlers; competition is `competes_for`; coordination is one `Contender` per resource; helper
+methods are here.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ REPORT_S = 2.0  # shortest time between two reports of refused commands, s
 REASONS_REPORTED = 3
 
 # Refusals that every exchange and every start causes. They are no fault.
-AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
+EXPECTED_REFUSALS = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 
 
 Parameters = parameters.Parameters
@@ -90,7 +90,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class AskFor:
+class SendQuery:
     """Send a query. The reply arrives at `Agent.replied` with this id."""
 
     id: int
@@ -123,7 +123,7 @@ class Refused:
     why: str  # the sender, the fault and the consequence; few different texts
 
 
-Outgoing = Publish | AskFor | Answer | Write | Refused
+Outgoing = Publish | SendQuery | Answer | Write | Refused
 
 
 @dataclass
@@ -161,10 +161,10 @@ class Agent:
     """The message that starts the agent's turn in a cycle, by resource if they differ. None is the
     owner's ack, with which each cycle of a resource begins."""
     needs: ClassVar[tuple[type[Message], ...]] = ()  # must be fresh, or it does not bid
-    hears: ClassVar[tuple[type[Message], ...]] = ()  # other subscriptions
+    receives: ClassVar[tuple[type[Message], ...]] = ()  # other subscriptions
     provides: ClassVar[tuple[type[Message], ...]] = ()
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
-    asks: ClassVar[tuple[type[Message], ...]] = ()  # queries it sends
+    queries: ClassVar[tuple[type[Message], ...]] = ()  # queries it sends
     competes_for: ClassVar[tuple[Resource, ...]] = ()
     owns: ClassVar[tuple[Resource, ...]] = ()
     alone: ClassVar[bool] = False  # a second instance in the namespace may not join
@@ -272,7 +272,7 @@ class Agent:
     def on_disappeared(self, name: str, instance: str) -> None:
         """Called when an instance's liveliness token disappears."""
 
-    def on_met(self, card: m.Card) -> None:
+    def on_card(self, card: m.Card) -> None:
         """Called with the card of a live instance."""
 
     def on_router(self) -> None:
@@ -315,7 +315,7 @@ class Agent:
         found = (self.fresh(kind) for kind in derived(base))
         return [cast("M", message) for message in found if message is not None]
 
-    def ask(
+    def query(
         self,
         request: Message,
         then: Callable[[Any], None],
@@ -331,7 +331,7 @@ class Agent:
         key = self.key_of(type(request), instance=instance or self.instance)
         self._put(key, request, service.reply, then, timeout)
 
-    def ask_card(
+    def query_card(
         self, name: str, instance: str, then: Callable[[Any], None], timeout: float = 1.0
     ) -> None:
         """Query an instance's card; `then` gets it, or None after the timeout (s)."""
@@ -346,7 +346,7 @@ class Agent:
         then: Callable[[Any], None],
         timeout: float,
     ) -> None:
-        self.outbox.append(AskFor(self._pending.put(then), key, request, reply, timeout))
+        self.outbox.append(SendQuery(self._pending.put(then), key, request, reply, timeout))
 
     def answer(self, question: Question, reply: Message) -> None:
         self.outbox.append(Answer(question.id, reply))
@@ -443,7 +443,7 @@ class Agent:
         self._latest[type(message)] = message
         self._on_latched(message)
 
-    def asked(self, question: Question, now: float) -> None:
+    def on_query(self, question: Question, now: float) -> None:
         """Process a received query; the `Answer` enters the outbox now or later."""
         self.now = now
         handler = self._handlers.get(type(question.request))
@@ -452,7 +452,7 @@ class Agent:
             if reply is not None:
                 self.answer(question, reply)
 
-    def replied(self, question_id: int, reply: Message | None, now: float) -> None:
+    def on_reply(self, question_id: int, reply: Message | None, now: float) -> None:
         """Process the reply to a query; None after a timeout."""
         self.now = now
         then = self._pending.pop(question_id)
@@ -468,7 +468,7 @@ class Agent:
     def met(self, card: m.Card, now: float) -> None:
         """Process an instance's card; messages of an incompatible instance are then rejected."""
         self.now = now
-        self.on_met(card)
+        self.on_card(card)
         if card.instance in self.foreign:
             return
         if card.protocol != m.PROTOCOL:
@@ -544,7 +544,7 @@ class Agent:
         """Return the declared subscriptions and those of the social intelligence."""
         triggers = cls.reacts_to.values() if isinstance(cls.reacts_to, Mapping) else [cls.reacts_to]
         kinds = [kind for kind in triggers if kind is not None and kind is not m.Ack]
-        kinds += [*cls.needs, *(kind for base in cls.hears for kind in derived(base))]
+        kinds += [*cls.needs, *(kind for base in cls.receives for kind in derived(base))]
         if kinds or cls.provides or cls.competes_for or cls.owns:  # needs the robot's cycles
             kinds = [m.RobotState, m.Description, *kinds]
         kinds += [service.message for service in latched()]
@@ -572,7 +572,7 @@ class Agent:
             protocol=m.PROTOCOL,
             provides=tuple(self.key_of(k) for k in (*self.provides, *self.answers)),
             requests=tuple(s.pattern for s in self.subscriptions() if self._requests(s))
-            + tuple(service_of(k).key for k in self.asks),
+            + tuple(service_of(k).key for k in self.queries),
             resources=tuple(r.name for r in self.competes_for),
             holds=tuple(r.name for r in self.competes_for if self.holds(r)),
             owns=tuple(r.name for r in self.owns),
@@ -584,7 +584,7 @@ class Agent:
     def _requests(self, to: Subscription) -> bool:
         """Return whether this agent needs a subscription that not every agent has."""
         common = to.kind is Kind.LATCHED or to.message is m.Description
-        return not common or to.message in (*self.hears, *self.needs)
+        return not common or to.message in (*self.receives, *self.needs)
 
     def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
         """Apply all requested changes or none; return the changeable parameters afterwards."""
@@ -758,7 +758,7 @@ class Agent:
         if memory.refused != refused:
             done, by = "rejected", ""
             if isinstance(message, m.Stop):
-                by = f" by {message.who}"
+                by = f" by {message.requester}"
                 if message.stopped and self.stopped is not None:
                     done = "stopped, with the next known counter"
             why = f"{done}: a {kind.__name__}{by} has an implausible counter"
@@ -773,7 +773,7 @@ class Agent:
                     self._rest(owned)
         if self._owned:
             stop = self.memory.newest(m.Stop) or m.Stop()
-            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.who}", WARNING)
+            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.requester}", WARNING)
 
     def _newer(self, message: Any, before: Any) -> bool:
         """Return whether a message's cycle is fresh and not before the latest message's."""
@@ -845,7 +845,7 @@ class Agent:
         if not contender.clock.alive(self.now) or not contender.owned:
             self.lacks = resource.ack_key
         elif resource.stops and (stop := self.stopped) is not None:
-            self.why = f"stopped by {stop.who}"
+            self.why = f"stopped by {stop.requester}"
         elif stale is not None:
             self.lacks = self._lacks(stale)
         else:
@@ -934,7 +934,7 @@ class Agent:
             if len(counts) > REASONS_REPORTED:
                 counts[REASONS_REPORTED:] = [f"{sum(refusals.values())} in all"]
             text = "; ".join(counts)
-            level = INFO if set(refusals) <= AT_WORK else WARNING
+            level = INFO if set(refusals) <= EXPECTED_REFUSALS else WARNING
             self.log(f"commands refused: {text}", level, m.LogEvent.COMMANDS_REFUSED)
             refusals.clear()
 
@@ -978,7 +978,7 @@ class DeviceAgent(Agent):
         if data:
             self.outbox.append(Write(data))
 
-    def take_bytes(self, data: bytes, now: float) -> None:
+    def receive_bytes(self, data: bytes, now: float) -> None:
         """Process bytes from the device; called by the driver."""
         self.now = now
         # After a hang, the device's bytes may come before the wake-up that is due. A command that
@@ -987,7 +987,7 @@ class DeviceAgent(Agent):
             self._check_times(owned)
         self.on_bytes(data)
 
-    def take_link(self, up: bool, why: str, now: float) -> None:
+    def update_link(self, up: bool, why: str, now: float) -> None:
         """Process that the device was opened or lost; called by the driver."""
         self.now = now
         self.on_link(up, why)

@@ -145,7 +145,7 @@ def same_cycle(bids: Bids, claims: Claims, margin: float) -> bool:
     return False
 
 
-def last_heard(bids: Bids, claims: Claims, margin: float) -> bool:
+def by_newest(bids: Bids, claims: Claims, margin: float) -> bool:
     """Compare the newest bid with the newest claim, of whatever cycles: the thesis's rule.
 
     It is here to measure the benefit of `same_cycle`.
@@ -155,7 +155,7 @@ def last_heard(bids: Bids, claims: Claims, margin: float) -> bool:
     )
 
 
-COMPARISONS: Final[Mapping[str, Compare]] = {"same-cycle": same_cycle, "last-heard": last_heard}
+COMPARISONS: Final[Mapping[str, Compare]] = {"same-cycle": same_cycle, "last-heard": by_newest}
 
 
 def plausible(ballot: Ballot | None, largest: Ballot | None) -> bool:

@@ -18,11 +18,11 @@ from armadico.core.agent import (
     WARNING,
     Agent,
     Answer,
-    AskFor,
     DeviceAgent,
     Publish,
     Question,
     Refused,
+    SendQuery,
     Subscription,
     Write,
 )
@@ -77,7 +77,7 @@ class Reply:
     message: Message
 
 
-Output = Publish | AskFor | Write | Announce | OpenPort | Reply
+Output = Publish | SendQuery | Write | Announce | OpenPort | Reply
 
 
 class Driver:
@@ -284,7 +284,7 @@ class Driver:
         }
         return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
 
-    def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
+    def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Process a query. Its `Reply` with this `call` comes now, later or never."""
         own = self._pass(now)
         if key == self._card_key:
@@ -303,13 +303,13 @@ class Driver:
             self._calls[self._call_ids] = (call, key)
             if len(self._calls) > OPEN_QUERIES:
                 self._calls.popitem(last=False)
-            self.agent.asked(Question(self._call_ids, request), own)
+            self.agent.on_query(Question(self._call_ids, request), own)
 
-    def replied(self, question: int, reply: Message | None, now: float) -> None:
-        """Process the reply to an `AskFor`; None after a timeout."""
+    def on_reply(self, question: int, reply: Message | None, now: float) -> None:
+        """Process the reply to an `SendQuery`; None after a timeout."""
         own = self._pass(now)
         if question >= 0:
-            self.agent.replied(question, reply, own)
+            self.agent.on_reply(question, reply, own)
             return
         instance = self._cards.pop(question, None)
         if instance is None or self._admission is None:
@@ -324,12 +324,12 @@ class Driver:
     def received(self, data: bytes, now: float) -> None:
         """Process bytes from the device."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.take_bytes(data, self._pass(now))
+        self.agent.receive_bytes(data, self._pass(now))
 
     def link(self, up: bool, why: str, now: float) -> None:
         """Process that the device was opened or lost."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.take_link(up, why, self._pass(now))
+        self.agent.update_link(up, why, self._pass(now))
 
     def slow(self, took: float) -> None:
         """Log that one delivery or wake-up took `took` s, if that is longer than a cycle."""
@@ -381,7 +381,7 @@ class Driver:
             self._call_ids += 1
             self._cards[number] = instance
             key = CARD.key_for(name=name, instance=instance)
-            self._out.append(AskFor(number, key, Ask(), Card, CARD_S))
+            self._out.append(SendQuery(number, key, Ask(), Card, CARD_S))
         stage = admission.check(now)
         if stage is Stage.CLAIMING or stage is Stage.JOINED:
             self._announce()

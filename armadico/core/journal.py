@@ -36,7 +36,7 @@ from typing import Any, Final
 
 from msgspec import msgpack
 
-from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
+from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
 from armadico.core.driver import Announce, Driver, Output, Reply
 from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
 from armadico.core.services import service_of
@@ -94,7 +94,7 @@ def _plain(item: Output) -> tuple[Any, ...]:
         return (PUBLISH, item.key, item.message)
     if isinstance(item, Write):
         return (WRITE, item.data)
-    if isinstance(item, AskFor):
+    if isinstance(item, SendQuery):
         return (ASK_FOR, item.id, item.key, item.request, item.timeout)
     if isinstance(item, Reply):
         return (REPLY, item.call, item.key, item.message)
@@ -193,7 +193,7 @@ class Journalled(Driver):
         self._note((TOKEN, now, name, instance, alive))
         super().token(name, instance, alive, now)
 
-    def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
+    def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """See `Driver`; a query for a lost piece is not an input of the agent."""
         if key == self._again_key:
             self._resend(key, payload, call)
@@ -201,11 +201,11 @@ class Journalled(Driver):
         self._clock = 0.0 if self._machine is None else self._machine()
         self._calls_received += 1
         self._note((ASKED, now, key, payload, self._calls_received, self._clock))
-        super().asked(key, payload, (self._calls_received, call), now)
+        super().on_query(key, payload, (self._calls_received, call), now)
 
-    def replied(self, question: int, reply: Message | None, now: float) -> None:
+    def on_reply(self, question: int, reply: Message | None, now: float) -> None:
         self._note((REPLIED, now, question, reply))
-        super().replied(question, reply, now)
+        super().on_reply(question, reply, now)
 
     def received(self, data: bytes, now: float) -> None:
         self._note((RECEIVED, now, data))

@@ -293,7 +293,7 @@ class Stop(Latched, frozen=True):
         return self.counter, int(self.stopped)
 
     @property
-    def who(self) -> str:
+    def requester(self) -> str:
         return self.by or "somebody"
 
     @property
@@ -346,7 +346,7 @@ class Line(Message, frozen=True):
     resets: Counter = 0  # steps of the odometry that the speeds do not explain
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """The counts for people; empty if there are none."""
         counts = zip(msgspec.structs.astuple(self), _WRONG, strict=True)
         return ", ".join(f"{count} {what}" for count, what in counts if count)

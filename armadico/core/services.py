@@ -85,7 +85,7 @@ class Service:
         return max((self.fresh_cycles or 0) * PERIOD, 2.0 / self.rate_hz)
 
     @property
-    def tells_s(self) -> float:
+    def stale_after_s(self) -> float:
         """The age from which a message is stale for an observer, s."""
         return inf if self.deadline_s is None else max(self.deadline_s, QUIET_S)
 
@@ -239,7 +239,7 @@ def service_of(message: type[m.Message]) -> Service:
 
 @cache
 def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
-    """Return the message types that a type in an agent's `hears` means.
+    """Return the message types that a type in an agent's `receives` means.
 
     A type with a row or fields means itself. Another one is a base: it means all installed types
     that derive from it, which may be none.

@@ -122,7 +122,7 @@ class Gateway:
         goal = request.goal
         where = f"{goal.x:.2f} {goal.y:.2f} {math.degrees(goal.theta):.0f}"
         try:
-            reply = self._client.hand_over(request)
+            reply = self._client.request_mission(request)
         except SocietyError as error:
             self._log(f"{topic} {where} refused: {error}")
             return

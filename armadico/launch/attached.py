@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COME_S: Final = 30.0
 """Time for all agents to be alive."""
 
-SAY_S: Final = 1.0
+REPORT_S: Final = 1.0
 """After this time missing agents are reported."""
 
 STOP_S: Final = 3.0
@@ -80,10 +80,10 @@ class AttachedRun(LiveRun):
     def start(self) -> None:
         """Wait until all agents are alive. Raises RunFailedError at the timeout."""
         began = self.client.mesh.now()
-        if not self.client.wait_for(self._complete, SAY_S):
+        if not self.client.wait_for(self._complete, REPORT_S):
             self._check_world()  # in the society of another world some agents will never come
             self._warn(f"waiting for {self._lacking()}")
-        if not self.client.wait_for(self._complete, self.come_s - SAY_S):
+        if not self.client.wait_for(self._complete, self.come_s - REPORT_S):
             raise RunFailedError(
                 f"missing after {self.client.mesh.now() - began:.0f} s: {self._lacking()};"
                 " `armadico up` on its machine starts an agent, `armadico ps` lists alive agents"
@@ -123,7 +123,7 @@ class AttachedRun(LiveRun):
         state = self.client.latest(RobotState)
         if state is not None and state.stop.stopped:
             how = release(state.stop, motors=state.motors)
-            raise RunFailedError(f"the robot is stopped by {state.stop.who}; {how}")
+            raise RunFailedError(f"the robot is stopped by {state.stop.requester}; {how}")
         here = self.watch.here
         if here is None:
             return

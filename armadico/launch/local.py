@@ -141,8 +141,7 @@ class Launcher(LiveRun):
         self._refuse_a_second_run()
         if not self._comes(self._ready_to_drive, ANSWER_S):
             raise RunFailedError(
-                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
-                f" {self.words_of_the_robot()}"
+                f"the robot on {port} did not answer within {ANSWER_S:.0f} s; {self.robot_advice()}"
             )
 
     def _refuse_company(self) -> None:
@@ -204,7 +203,7 @@ class Launcher(LiveRun):
     def _check_alive(self) -> None:
         for process in self.processes:
             if process.ended():
-                why = f"{ending(process.popen.returncode)}:\n{process.last_words()}"
+                why = f"{ending(process.popen.returncode)}:\n{process.last_lines()}"
                 if process.popen.returncode == MISUSED:
                     why += self._company(process.name)
                 raise RunFailedError(f"{process.name} ended with {why}")
@@ -233,13 +232,13 @@ class Launcher(LiveRun):
                     self._check_alive()
                 self._warn(
                     f"{process.name} has ended ({ending(process.popen.returncode)}); the end of"
-                    f" {process.log}:\n{process.last_words()}"
+                    f" {process.log}:\n{process.last_lines()}"
                 )
         super().poll()
 
-    def words_of_the_robot(self) -> str:
+    def robot_advice(self) -> str:
         """The end of the newest robot agent's log."""
-        words = [process.last_words() for process in self.processes if process.has_robot]
+        words = [process.last_lines() for process in self.processes if process.has_robot]
         return f"the log of the robot agent:\n{words[-1] if words else '    (empty)'}"
 
     # Leaving -------------------------------------------------------------------------------------

@@ -69,7 +69,7 @@ class Process(Program):
         """The addresses of its robots, from a simulator's first line. Raises RunFailedError."""
         found: list[str] = _ANNOUNCED.findall(self.line(START_S))
         if not found:
-            raise RunFailedError(f"the {self.name} did not start:\n{self.last_words()}")
+            raise RunFailedError(f"the {self.name} did not start:\n{self.last_lines()}")
         return found
 
 

@@ -184,7 +184,7 @@ class RobotRun(Run[RunWatch, Result]):
         if request is None:
             self.watch.begin()
             return self.now()
-        reply = self.client.hand_over(request, find=FIND_S, again=self.again_s)
+        reply = self.client.request_mission(request, find=FIND_S, again=self.again_s)
         self.limit = time_limit(reply.length, self.options, mission_of(self.scenario))
         self.watch.begin(reply.mission)
         return self.now()
@@ -285,7 +285,7 @@ class LiveRun(RobotRun):
                 )
         if self.client.age(RobotState) > self._silent_s:
             raise RunFailedError(
-                f"no message from the robot for {self._silent_s:g} s; {self.words_of_the_robot()}"
+                f"no message from the robot for {self._silent_s:g} s; {self.robot_advice()}"
             )
 
     def wait_on(self) -> None:
@@ -293,7 +293,7 @@ class LiveRun(RobotRun):
         self.client.wait_for(lambda: None, self.step_s)
         self.poll()
 
-    def words_of_the_robot(self) -> str:
+    def robot_advice(self) -> str:
         """What to do about a robot that does not answer."""
         return "`armadico ps` lists alive agents, `armadico logs -f` shows their logs"
 

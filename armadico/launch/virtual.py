@@ -35,7 +35,7 @@ from armadico.mesh.virtual import Device, Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import Result, RunWatch, watched
-from armadico.runtime.blame import blaming
+from armadico.runtime.blame import attributed
 from armadico.runtime.client import Client
 
 SETTLE_S = 1.0
@@ -149,7 +149,7 @@ class Rehearsal(RobotRun):
         start = self._starts[kind.name] if start is None else start
         identity = self.mesh.identity(kind.name, start, self.namespace)
         identity = alike(identity, host=host, pid=next(self._pids))
-        with blaming(kind):
+        with attributed(kind):
             agent = kind(identity, parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
@@ -196,7 +196,7 @@ class Rehearsal(RobotRun):
         warn: Callable[[str], None] | None = None,
     ) -> Result:
         """See `Run`. Raises AgentFailedError if an agent's own code raises."""
-        with blaming():
+        with attributed():
             return super().run(progress, warn)
 
     def wait(self, seconds: float) -> None:

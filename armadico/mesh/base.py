@@ -75,7 +75,7 @@ class Mesh(Time, Protocol):
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
         """Call the receiver with publications on the keys of a pattern."""
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,

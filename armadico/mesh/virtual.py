@@ -25,7 +25,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from armadico.core.agent import Agent, AskFor, Identity
+from armadico.core.agent import Agent, Identity, SendQuery
 from armadico.core.messages import Message
 from armadico.core.services import matches, service_of
 from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
@@ -226,7 +226,7 @@ class VirtualMesh(Network):
 
     # Queries -------------------------------------------------------------------------------------
 
-    def ask(
+    def query(
         self,
         request: Message,
         then: Callable[[Message | None], None],
@@ -236,7 +236,7 @@ class VirtualMesh(Network):
         """Send a query from outside the society; `then` gets the first reply, or None."""
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
-        query = AskFor(0, service.key, request, service.reply, timeout)
+        query = SendQuery(0, service.key, request, service.reply, timeout)
         self.queries.put_first(None, query, then, namespace)
 
     # Faults --------------------------------------------------------------------------------------

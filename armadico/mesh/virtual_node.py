@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
+from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
@@ -148,7 +148,8 @@ class Node(Place):
     def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
         _, request, number = what
         self._accept(
-            lambda: self.driver.asked(queryable, request, number, self.time), f"query/{queryable}"
+            lambda: self.driver.on_query(queryable, request, number, self.time),
+            f"query/{queryable}",
         )
 
     def on_token(self, name: str, instance: str, alive: bool) -> None:
@@ -167,7 +168,7 @@ class Node(Place):
         self._accept(lambda: self.driver.received(data, self.time), "device")
 
     def _replied(self, number: int, message: Message | None) -> None:
-        self._accept(lambda: self.driver.replied(number, message, self.time), f"reply/{number}")
+        self._accept(lambda: self.driver.on_reply(number, message, self.time), f"reply/{number}")
 
     def _accept(self, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
         """Deliver now, or queue in a lane while the process hangs or is busy."""
@@ -250,7 +251,7 @@ class Node(Place):
                     self.unsent(item.key, why)
             elif isinstance(item, Write):
                 self.mesh.ports.write(self, item.data)
-            elif isinstance(item, AskFor):
+            elif isinstance(item, SendQuery):
                 self._ask(item)
             elif isinstance(item, Reply):
                 self.mesh.queries.reply(self, item.call, item.key, item.message)
@@ -261,7 +262,7 @@ class Node(Place):
                 self.driver.link(True, "", self.time)
                 self._drain()
 
-    def _ask(self, item: AskFor) -> None:
+    def _ask(self, item: SendQuery) -> None:
         self.mesh.queries.put_first(self, item, lambda message: self._replied(item.id, message))
 
     def unsent(self, key: str, why: str) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from armadico.core.agent import AskFor
+from armadico.core.agent import SendQuery
 from armadico.core.messages import Message, MessageError, checked
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual_place import CLIENT, Network, Place
@@ -31,7 +31,7 @@ class Queries:
     def put_first(
         self,
         client: Place | None,
-        query: AskFor,
+        query: SendQuery,
         then: Callable[[Message | None], None],
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:

@@ -65,7 +65,7 @@ class VirtualSession(Place):
         self._listeners.append((pattern, self._deliver, receiver))
         self.mesh.forget_routes()
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,
@@ -76,13 +76,13 @@ class VirtualSession(Place):
         self._joined()
         encode(request)
 
-        def replied(where: str, message: Message) -> bool:
+        def on_reply(where: str, message: Message) -> bool:
             if self.alive:
                 each(where, encode(message))
             return False
 
         self.mesh.queries.put(
-            self, key, request, timeout, replied, lambda: done() if self.alive else None
+            self, key, request, timeout, on_reply, lambda: done() if self.alive else None
         )
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:

@@ -292,9 +292,9 @@ class ZenohMesh(Reader, Monotonic):
         """
         tokens: list[zenoh.Reply] = []
         over = threading.Event()
-        replied = zenoh.handlers.Callback(tokens.append, over.set, indirect=False)
+        on_reply = zenoh.handlers.Callback(tokens.append, over.set, indirect=False)
         key = self._rooted(ROUTER.format(id="*"))
-        session.liveliness().get(key, replied, timeout=ANSWER_S)
+        session.liveliness().get(key, on_reply, timeout=ANSWER_S)
         over.wait(2 * ANSWER_S)
         return any(token.ok is not None for token in tokens)
 
@@ -454,7 +454,7 @@ class ZenohMesh(Reader, Monotonic):
                 attachment=PASSED_ON,
             )
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,
@@ -465,7 +465,7 @@ class ZenohMesh(Reader, Monotonic):
         """See `Mesh`; both are called on Zenoh's thread."""
         where, root = self._placed(key)
 
-        def replied(reply: zenoh.Reply) -> None:
+        def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 each(str(reply.ok.key_expr)[root:], reply.ok.payload.to_bytes())
 
@@ -474,7 +474,7 @@ class ZenohMesh(Reader, Monotonic):
             if not self._waits:
                 self._open.get(
                     where,
-                    zenoh.handlers.Callback(replied, done, indirect=False),
+                    zenoh.handlers.Callback(on_reply, done, indirect=False),
                     payload=payload,
                     timeout=timeout,
                     target=zenoh.QueryTarget.ALL,
@@ -487,10 +487,10 @@ class ZenohMesh(Reader, Monotonic):
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         where, root = self._placed(key)
 
-        def asked(query: zenoh.Query) -> None:
+        def on_query(query: zenoh.Query) -> None:
             receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
 
-        self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(asked))))
+        self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(on_query))))
 
     # Liveliness ----------------------------------------------------------------------------------
 

@@ -52,7 +52,7 @@ class Behaviour(Agent):
     """Whether it drives a lost robot, and only that, to localize it."""
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         Trajectory,
         Description,
         Leading,
@@ -106,13 +106,13 @@ class Behaviour(Agent):
         """Do the same for a given scene; the result has the free path of the wanted speeds."""
         # The uncertainty is a limit, not a factor. A behaviour ramps up from its last command, so a
         # factor would apply again in each cycle until the robot stands.
-        if (sure := self.sureness) < 1.0:
+        if (sure := self.pose_confidence) < 1.0:
             most = min(self.body.v_max, SURE_M_S) * sure
             v = min(max(v, -most), most)
         return limit(v, w, scene, safety)
 
     @property
-    def sureness(self) -> float:
+    def pose_confidence(self) -> float:
         """1 with a certain pose; else the share of `SURE_M_S` that the robot may drive."""
         pose = self.latest(Pose)
         off = 0.0 if pose is None or self.seeks else pose.deviation

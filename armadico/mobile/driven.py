@@ -103,7 +103,7 @@ class Ordered:
         """Whether a reply is still to come."""
         return self.stage in (Stage.PLANNING, Stage.WITHDRAWN)
 
-    def ask(self, now: float) -> None:
+    def request(self, now: float) -> None:
         """Note that it is requested; only after `drop`, and while no reply is pending."""
         self._on(Event.ASKED)
         self.to_go = self._nearest = inf

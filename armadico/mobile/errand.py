@@ -79,7 +79,7 @@ class Order(Message, frozen=True):
     """Base of a query that orders an errand; the reply is a `MissionReply`."""
 
     @property
-    def asks_for(self) -> str:
+    def kind_name(self) -> str:
         """The name of its kind, for people: "missions", "explorations"."""
         return "missions"
 

@@ -31,7 +31,7 @@ def robot(view: View) -> Section | None:
         "battery": view.battery,
         "stalled": state.stalled,
         "motors": state.motors,
-        "line": state.line.told,
+        "line": state.line.summary,
         "stopped_by": stop.by if stop.stopped else None,
         "cycle": state.cycle.number,
     }
@@ -50,7 +50,7 @@ def pose(view: View, now: float) -> Section | None:
         "deviation_rad": at.heading_deviation if known else None,
         "confidence": view.confidence(now),
         "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
-        "told": view.whereabouts(now),
+        "told": view.pose_text(now),
     }
 
 

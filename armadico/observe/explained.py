@@ -132,7 +132,7 @@ def describe_contest(of: Contest) -> Iterator[str]:
         yield f"{', '.join(agents)}: inputs {made}."
 
 
-def unasked(answer: Moment | Exchange | Collision) -> set[str]:
+def missing_bids(answer: Moment | Exchange | Collision) -> set[str]:
     """The instances whose bids an answer lacks, because they were not queried in time."""
     moment = answer.moment if isinstance(answer, Collision) else answer
     contests = moment.contests if isinstance(moment, Moment) else (moment,)

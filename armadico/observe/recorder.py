@@ -35,7 +35,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import TOKEN
 from armadico.observe.translators import Sample, Translator
-from armadico.observe.watching import ASK_S, Heard, Presence, as_object, json_schema, read
+from armadico.observe.watching import QUERY_S, Presence, Received, as_object, json_schema, read
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -197,7 +197,7 @@ class Recording:
         self.refused = 0
         self.gaps = Gaps()
         self.there: dict[tuple[str, str, str], Presence] = {}
-        self._cards: dict[tuple[str, str, str], tuple[Heard, Card]] = {}
+        self._cards: dict[tuple[str, str, str], tuple[Received, Card]] = {}
         self._bids: dict[tuple[str, str], frozenset[BidRecord]] = {}
         self._translators = translators or {}
         self._kept: dict[str, Sample] = {}  # latched samples, by topic
@@ -216,7 +216,7 @@ class Recording:
         """Bytes in all files."""
         return self._earlier + self._file.size
 
-    def add(self, item: Heard | Presence) -> None:
+    def add(self, item: Received | Presence) -> None:
         if isinstance(item, Presence):
             self._on_presence(item)
             return
@@ -231,9 +231,9 @@ class Recording:
         elif isinstance(message, JournalPiece):
             if self.gaps.add(item.namespace, message):
                 self._add(item, None, item.data)  # raw: it is compressed
-        elif isinstance(message, BidHistory) and item.asked:
+        elif isinstance(message, BidHistory) and item.on_query:
             self._on_bids(item, message)
-        elif isinstance(message, Card) and item.asked:
+        elif isinstance(message, Card) and item.on_query:
             self._on_card(item, message)
         else:
             self._write(item, message)
@@ -264,13 +264,13 @@ class Recording:
             self._bids.pop((item.namespace, item.instance), None)
         self._show_presence(item, item.at)
 
-    def _on_card(self, item: Heard, card: Card) -> None:
+    def _on_card(self, item: Received, card: Card) -> None:
         agent = (item.namespace, card.name, card.instance)
         if self._cards.get(agent, (None, None))[1] != card:
             self._cards[agent] = (item, card)
             self._write(item, card)
 
-    def _on_bids(self, item: Heard, history: BidHistory) -> None:
+    def _on_bids(self, item: Received, history: BidHistory) -> None:
         """Write the bids that the previous answer did not contain."""
         agent = (item.namespace, history.instance)
         known = self._bids.get(agent, frozenset())
@@ -285,10 +285,10 @@ class Recording:
         self._file.add(item.namespace, key, Here, msgspec.json.encode(here), at)
         self.messages += 1
 
-    def _write(self, item: Heard, message: Message) -> None:
+    def _write(self, item: Received, message: Message) -> None:
         self._add(item, type(message), msgspec.json.encode(as_object(message)))
 
-    def _translate(self, item: Heard, message: Message) -> None:
+    def _translate(self, item: Received, message: Message) -> None:
         for translator in self._translators.get(item.namespace, ()):
             for sample in translator.translate(item.key, message, item.at):
                 self._file.add_sample(sample, item.at)
@@ -296,7 +296,7 @@ class Recording:
                     self._kept[sample.channel.topic] = sample
 
     def _add(
-        self, item: Heard, kind: type[Struct] | None, data: bytes, key: str | None = None
+        self, item: Received, kind: type[Struct] | None, data: bytes, key: str | None = None
     ) -> None:
         self._file.add(item.namespace, key or item.key, kind, data, item.at)
         self.messages += 1
@@ -339,7 +339,7 @@ def record(
     flush_at = query_at = show_at = time.monotonic()
     while (now := time.monotonic()) < end and not over():
         if now >= query_at:
-            query_at = now + ASK_S
+            query_at = now + QUERY_S
             _query(watcher, recording)
         if now >= flush_at:
             flush_at = now + FLUSH_S
@@ -359,7 +359,7 @@ def _complete(watcher: Watcher, recording: Recording) -> None:
         recording.gaps.expect(namespace, instance)
     missing = recording.gaps.due()
     for lost in missing:
-        watcher.ask_for_piece(*lost, COMPLETE_S)
+        watcher.query_piece(*lost, COMPLETE_S)
     end = time.monotonic() + COMPLETE_S
     while missing and recording.gaps.lost and (left := end - time.monotonic()) > 0:
         item = watcher.get(left)
@@ -369,8 +369,8 @@ def _complete(watcher: Watcher, recording: Recording) -> None:
 
 def _query(watcher: Watcher, recording: Recording) -> None:
     if recording.there:
-        watcher.ask_for_bids(ASK_S)
+        watcher.query_bids(QUERY_S)
     for lost in recording.gaps.due():
-        watcher.ask_for_piece(*lost, ASK_S)
+        watcher.query_piece(*lost, QUERY_S)
     if recording.misses_cards():
-        watcher.ask_for_cards(ASK_S)
+        watcher.query_cards(QUERY_S)

@@ -21,7 +21,7 @@ from armadico.config.discovery import agent_class
 from armadico.config.errors import ConfigError
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
-from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Subscription
+from armadico.core.agent import Agent, DeviceAgent, Identity, SendQuery, Subscription
 from armadico.core.driver import Driver
 from armadico.core.errors import UnknownNameError
 from armadico.core.messages import BidRecord, Message, MessageError, decode, line, plain
@@ -137,7 +137,7 @@ class Life:
                 (_, then, due_then), following = following, next(entries, None)
                 given = [] if self.raised else driver.drain()
                 for item in given:
-                    if isinstance(item, AskFor):
+                    if isinstance(item, SendQuery):
                         queries[item.id] = item.reply
                 now, due_now = j.outputs(given), driver.wakeup
             bids = _since(self.agent, seen)
@@ -306,13 +306,13 @@ def _on_delivery(driver: Driver, e: Entry, subscriptions: Subscriptions, _: Any)
 
 
 def _on_query(driver: Driver, e: Entry, _listens: Any, _: Any) -> None:
-    driver.asked(e[2], _read(e[3], driver.answers(e[2])), e[4], e[1])
+    driver.on_query(e[2], _read(e[3], driver.answers(e[2])), e[4], e[1])
 
 
 def _on_reply(driver: Driver, e: Entry, _: Any, queries: dict[int, type[Message]]) -> None:
     kind = queries.pop(e[2], None)
     if kind is not None:  # None: the replayed agent sent no such query
-        driver.replied(e[2], None if e[3] is None else msgspec.convert(e[3], kind), e[1])
+        driver.on_reply(e[2], None if e[3] is None else msgspec.convert(e[3], kind), e[1])
 
 
 def _on_bytes(driver: Driver, e: Entry, _listens: Any, _: Any) -> None:

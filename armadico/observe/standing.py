@@ -81,7 +81,7 @@ class Sort(StrEnum):
     UNKNOWN = "unknown"  # the messages received do not show a cause
 
 
-AS_ASKED: Final = frozenset(  # no fault
+NO_FAULT: Final = frozenset(  # no fault
     {
         Sort.NO_GOAL,
         Sort.STARTING,
@@ -227,7 +227,7 @@ class _Chain:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:
                 self.add(f"The monitor reports missing agents: {', '.join(missing)}.")
-            by, todo = state.stop.who, release(state.stop, motors=state.motors)
+            by, todo = state.stop.requester, release(state.stop, motors=state.motors)
             return self.end(Sort.STOP, by, f"It is stopped by {by}.", todo)
         if not state.motors:
             todo = release(state.stop, motors=False)
@@ -444,7 +444,7 @@ class _Chain:
         return pose is not None and pose.deviation > LOST_M
 
     def _lost(self) -> Cause:
-        where = self.view.whereabouts(self.now)
+        where = self.view.pose_text(self.now)
         todo = "wait until an agent has localized it; check that it is within the map"
         return self.end(Sort.LOST, "", f"The robot is lost: {where}.", todo)
 

@@ -367,7 +367,7 @@ class View:
         correction = self._recent(Correction, now)
         return None if correction is None else correction.confidence
 
-    def whereabouts(self, now: float) -> str:
+    def pose_text(self, now: float) -> str:
         """The uncertainty of the pose as text; empty if it is not known."""
         pose = self.pose
         if pose is None or not pose.covariance:
@@ -389,13 +389,16 @@ class View:
         found = known.get(resource) if resource else next(reversed(known.values()), None)
         return None if found is None else found[0]
 
-    def hears_robot(self, now: float) -> bool:
+    def state_is_fresh(self, now: float) -> bool:
         """Whether the newest robot state is fresh."""
-        return self.state_at is not None and now - self.state_at <= service_of(RobotState).tells_s
+        return (
+            self.state_at is not None
+            and now - self.state_at <= service_of(RobotState).stale_after_s
+        )
 
     def stopped(self, now: float) -> bool | None:
         """Whether the stop is latched; None if the newest robot state is not fresh."""
-        return self.stop.stopped if self.hears_robot(now) else None
+        return self.stop.stopped if self.state_is_fresh(now) else None
 
     def hand(self, now: float) -> ByHand | None:
         """The fresh state of an agent through which a person drives; None if there is none."""
@@ -438,7 +441,7 @@ class View:
     def _recent(self, kind: type[M], now: float) -> M | None:
         """The newest message of a kind, if it is fresh."""
         at = self._latest.get(kind, (None, 0.0))[1]
-        return self._newest_of(kind) if now - at <= service_of(kind).tells_s else None
+        return self._newest_of(kind) if now - at <= service_of(kind).stale_after_s else None
 
     def _on_robot(self, message: RobotState | Pose | Description, t: float) -> None:
         match message:

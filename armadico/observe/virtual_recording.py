@@ -18,7 +18,7 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.journals import head
 from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
-from armadico.observe.watching import ASK_S, Heard, Presence
+from armadico.observe.watching import QUERY_S, Presence, Received
 
 # Time 0 of the virtual clock, s since 1970 (September 2001): in ROS a stamp of 0 is invalid.
 BEGUN: Final = 1_000_000_000
@@ -66,7 +66,7 @@ class Recorded:
     def _sample(self) -> None:
         """Write live agents, cards and bids once per second, without messages on the mesh."""
         now = self._mesh.now
-        self._mesh.call_at(now + ASK_S, lambda _a, _b: self._sample())
+        self._mesh.call_at(now + QUERY_S, lambda _a, _b: self._sample())
         with self._catch_failure():
             self._write_all(now)
 
@@ -80,8 +80,10 @@ class Recorded:
             self._write(here)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
-                self._write_message(where, CARD.key_for(**names), agent.card(), now, asked=True)
-                self._write_message(where, BIDS.key_for(**names), agent.history(), now, asked=True)
+                self._write_message(where, CARD.key_for(**names), agent.card(), now, on_query=True)
+                self._write_message(
+                    where, BIDS.key_for(**names), agent.history(), now, on_query=True
+                )
         self._write_journals()
         if self._failure is None:
             self.recording.flush()
@@ -93,12 +95,12 @@ class Recorded:
                 self._write_message(node.namespace, key, piece, self._mesh.now)
 
     def _write_message(
-        self, namespace: str, key: str, message: Message, now: float, *, asked: bool = False
+        self, namespace: str, key: str, message: Message, now: float, *, on_query: bool = False
     ) -> None:
         data = encode(message)
-        self._write(Heard(namespace, key, data, _ns(now), asked))
+        self._write(Received(namespace, key, data, _ns(now), on_query))
 
-    def _write(self, item: Heard | Presence) -> None:
+    def _write(self, item: Received | Presence) -> None:
         if self._failure is None:
             with self._catch_failure():
                 self.recording.add(item)

@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Message)
 
 WAITING: Final = 20_000  # capacity of the queue: half a minute of messages of 20 agents
-ASK_S: Final = 1.0  # interval of the queries for cards and bids
+QUERY_S: Final = 1.0  # interval of the queries for cards and bids
 EVERYTHING: Final = "**"
 HEX: Final = "_hex"  # suffix of the name of a field of bytes, written as hexadecimal text
 
 
-class Heard(msgspec.Struct, frozen=True):
+class Received(msgspec.Struct, frozen=True):
     """One payload and its time of arrival (ns of the watcher's clock)."""
 
     namespace: str
     key: str
     data: bytes
     at: int
-    asked: bool = False  # a reply to a query of the watcher's, not a publication
+    on_query: bool = False  # a reply to a query of the watcher's, not a publication
 
 
 class Presence(msgspec.Struct, frozen=True):
@@ -70,12 +70,12 @@ class Watcher:
         self.meshes = tuple(meshes)
         self.clock = Clock()
         self.dropped = 0  # messages that did not fit into the queue
-        self._queue: queue.Queue[Heard | Presence] = queue.Queue(waiting)
+        self._queue: queue.Queue[Received | Presence] = queue.Queue(waiting)
 
     def subscribe(self, pattern: str = EVERYTHING) -> None:
         """Receive messages on matching keys, in every namespace."""
         for mesh in self.meshes:
-            mesh.subscribe(pattern, self._receiver(mesh.namespace, asked=False))
+            mesh.subscribe(pattern, self._receiver(mesh.namespace, on_query=False))
 
     def watch_alive(self) -> None:
         """Receive changes of liveliness tokens, in every namespace."""
@@ -91,49 +91,49 @@ class Watcher:
         for mesh in self.meshes:
             mesh.watch_router(lambda there: view.router(there=there, t=self.clock() / 1e9))
 
-    def ask(self, pattern: str, timeout: float) -> None:
+    def query(self, pattern: str, timeout: float) -> None:
         """Send an empty query; the replies are queued as they arrive."""
         for mesh in self.meshes:
-            mesh.ask(
-                pattern, Ask(), timeout, self._receiver(mesh.namespace, asked=True), lambda: None
+            mesh.query(
+                pattern, Ask(), timeout, self._receiver(mesh.namespace, on_query=True), lambda: None
             )
 
-    def ask_for_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
+    def query_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
         """Query a piece of an instance's journal again."""
         key = service_of(JournalRequest).key_for(instance=instance)
         for mesh in self.meshes:
             if mesh.namespace == namespace:
-                on_reply = self._receiver(namespace, asked=True)
-                mesh.ask(key, JournalRequest(number), timeout, on_reply, lambda: None)
+                on_reply = self._receiver(namespace, on_query=True)
+                mesh.query(key, JournalRequest(number), timeout, on_reply, lambda: None)
 
-    def ask_for_cards(self, timeout: float = 1.0) -> None:
-        self.ask(CARD.key_for(name="*", instance="*"), timeout)
+    def query_cards(self, timeout: float = 1.0) -> None:
+        self.query(CARD.key_for(name="*", instance="*"), timeout)
 
-    def ask_for_bids(self, timeout: float = 1.0) -> None:
+    def query_bids(self, timeout: float = 1.0) -> None:
         """Query the recent bids of all agents, including those that lost."""
-        self.ask(BIDS.key_for(name="*", instance="*"), timeout)
+        self.query(BIDS.key_for(name="*", instance="*"), timeout)
 
-    def get(self, timeout: float) -> Heard | Presence | None:
+    def get(self, timeout: float) -> Received | Presence | None:
         """The next item; None if none arrives within `timeout` (s)."""
         try:
             return self._queue.get(block=timeout > 0, timeout=max(timeout, 0.0))
         except queue.Empty:
             return None
 
-    def until(self, deadline: float) -> Iterator[Heard | Presence]:
+    def until(self, deadline: float) -> Iterator[Received | Presence]:
         """The items that arrive until a time of `time.monotonic` (s)."""
         while (left := deadline - time.monotonic()) > 0:
             item = self.get(left)
             if item is not None:
                 yield item
 
-    def _receiver(self, namespace: str, *, asked: bool) -> Any:
+    def _receiver(self, namespace: str, *, on_query: bool) -> Any:
         def arrived(key: str, data: bytes) -> None:
-            self._put(Heard(namespace, key, data, self.clock(), asked))
+            self._put(Received(namespace, key, data, self.clock(), on_query))
 
         return arrived
 
-    def _put(self, item: Heard | Presence) -> None:
+    def _put(self, item: Received | Presence) -> None:
         try:
             self._queue.put_nowait(item)
         except queue.Full:
@@ -151,13 +151,13 @@ def kind_at(key: str) -> type[Message] | None:
     return service.reply if service.kind is Kind.QUERY else service.message
 
 
-def read(item: Heard) -> Message | None:
+def read(item: Received) -> Message | None:
     """The message in a payload; None if its key is unknown. Raises MessageError."""
     kind = kind_at(item.key)
     return None if kind is None else decode(item.data, kind)
 
 
-def read_or_none(item: Heard) -> Message | None:
+def read_or_none(item: Received) -> Message | None:
     """The message in a payload; None if its key is unknown or it cannot be decoded."""
     try:
         return read(item)
@@ -165,13 +165,13 @@ def read_or_none(item: Heard) -> Message | None:
         return None
 
 
-def show(view: View | Chronicle, item: Heard | Presence) -> None:
+def show(view: View | Chronicle, item: Received | Presence) -> None:
     """Pass one item to a view or a chronicle."""
     if isinstance(item, Presence):
         view.token(item.instance, there=item.there, t=item.at / 1e9)
         return
     message = read_or_none(item)
-    if not item.asked:
+    if not item.on_query:
         view.update(item.key, message, item.at / 1e9)
     elif message is not None:
         view.learn(message, item.at / 1e9)
@@ -181,9 +181,9 @@ def listen(watcher: Watcher, to: View | Chronicle, for_s: float) -> None:
     """Update a view for `for_s` seconds, and query cards and bids meanwhile."""
     end = time.monotonic() + for_s
     while (now := time.monotonic()) < end:
-        watcher.ask_for_cards()
-        watcher.ask_for_bids()
-        for item in watcher.until(min(end, now + ASK_S)):
+        watcher.query_cards()
+        watcher.query_bids()
+        for item in watcher.until(min(end, now + QUERY_S)):
             show(to, item)
 
 

@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from msgspec.structs import replace
 
-from armadico.core.agent import AT_WORK, REPORT_S
+from armadico.core.agent import EXPECTED_REFUSALS, REPORT_S
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -399,7 +399,7 @@ class Chronicle:
         for at, command, verdict in self._commands:
             if command.resource == name and self.now - at <= REFUSED_S:
                 newest[command.ballot.instance] = verdict
-        fine = {Verdict.OBEYED, Verdict.RELEASED, *AT_WORK}
+        fine = {Verdict.OBEYED, Verdict.RELEASED, *EXPECTED_REFUSALS}
         for instance, verdict in newest.items():
             if verdict not in fine:
                 yield f"commands refused: {agent_of(instance)}: {verdict}"
@@ -531,7 +531,7 @@ class Chronicle:
     # A stop --------------------------------------------------------------------------------------
 
     def _press(self, of: _Pressed) -> Press:
-        by = of.stop.who
+        by = of.stop.requester
         when = "Before the observation began," if of.before else f"At {of.t:.2f} s"
         found = [f"{when} {by} latched the stop."]
         if of.before:
@@ -545,7 +545,7 @@ class Chronicle:
             found.append(f"It was released{sender} at {of.released:.2f} s.")
         elif anew := next((each for each in self._pressed if each.number > of.number), None):
             found.append(
-                f"{anew.stop.who} latched another stop at {anew.t:.2f} s before a release."
+                f"{anew.stop.requester} latched another stop at {anew.t:.2f} s before a release."
             )
         else:
             found.append("It has not been released.")

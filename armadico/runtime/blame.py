@@ -21,7 +21,7 @@ FRAMEWORK: Final = tuple(
 
 
 @contextmanager
-def blaming(kind: type[Agent] | None = None) -> Iterator[None]:
+def attributed(kind: type[Agent] | None = None) -> Iterator[None]:
     """Raise an agent's exception as AgentFailedError, and others unchanged.
 
     `kind` is the agent's class while there is no instance yet. A ConfigError is the user's fault

@@ -163,7 +163,7 @@ class Client:
     def fresh(self, kind: type[M]) -> M | None:
         """Return the newest message of a kind if it is fresh by its row of the services."""
         message = self.latest(kind)
-        return message if self.age(kind) <= service_of(kind).tells_s else None
+        return message if self.age(kind) <= service_of(kind).stale_after_s else None
 
     def publish(self, message: Message) -> None:
         """Publish on the message's service key. Raises MessageError if it could not be decoded."""
@@ -189,12 +189,12 @@ class Client:
             self._delivering -= 1
         return value
 
-    def ask(
+    def query(
         self, request: Message, timeout: float = 5.0, patience: float | None = None
     ) -> Message | None:
         """Send a query; return the first reply, or None after `timeout` (s).
 
-            plan = guest.ask(PlanRequest(start=Waypoint(0, 0, 0), goal=Waypoint(4, 2, 0)))
+            plan = guest.query(PlanRequest(start=Waypoint(0, 0, 0), goal=Waypoint(4, 2, 0)))
 
         Without a reply it queries again, as links come up in the background; for at most `patience`
         s, if given. Raises TypeError for a message that is no query.
@@ -243,9 +243,9 @@ class Client:
             theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
         request = MissionRequest(goal, planned=not direct, start=here)
-        return Mission(self, self.hand_over(request))
+        return Mission(self, self.request_mission(request))
 
-    def hand_over(
+    def request_mission(
         self,
         request: Order,
         *,
@@ -267,9 +267,9 @@ class Client:
         while True:
             request = request.numbered(self._rng.getrandbits(63) or 1)
             begun = self.mesh.now()
-            reply = self.ask(request, PLANNING_S, patience=find)
+            reply = self.query(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
-                withdrawal, what = request.withdrawal(), request.asks_for
+                withdrawal, what = request.withdrawal(), request.kind_name
                 if withdrawal is not None:
                     key = service_of(type(withdrawal)).key
                     self._query(key, withdrawal, MissionReply, AGAIN_S, enough=1)
@@ -336,7 +336,7 @@ class Client:
         key = CARD.key_for(name=name, instance=instance)
         return _own(self._query(key, Ask(), Card, timeout, enough=1).get(key), instance)
 
-    def request_card(
+    def query_card(
         self, name: str, instance: str, timeout: float, then: Callable[[Card | None], None]
     ) -> None:
         """Query the card of one agent; a later wait calls `then` with the card or None."""
@@ -563,7 +563,9 @@ class Client:
 
             self._inbox.put(f"reply/{where}", deliver)
 
-        self.mesh.ask(key, request, timeout, arrived, lambda: self._inbox.put(f"over/{key}", over))
+        self.mesh.query(
+            key, request, timeout, arrived, lambda: self._inbox.put(f"over/{key}", over)
+        )
 
 
 class Mission:

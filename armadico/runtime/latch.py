@@ -102,11 +102,11 @@ class Latching:
         if not stop.stopped:
             self.done = not late
         elif release is None and self._code not in (None, stop.code):
-            self.refusal = f"it is stopped by {stop.who} with the code {stop.code};"
+            self.refusal = f"it is stopped by {stop.requester} with the code {stop.code};"
             self.refusal += f" {self._code} is the code of another stop"
         elif release is None or (not late and stop.press == release.press):
             self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
         elif not late:
-            self.refusal = f"it was stopped again by {stop.who}"
+            self.refusal = f"it was stopped again by {stop.requester}"
             if first := remedy(stop, motors=self._motors):
                 self.refusal = f"{first}, then `armadico resume` again"

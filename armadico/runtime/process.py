@@ -30,7 +30,15 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
+from armadico.core.agent import (
+    Agent,
+    DeviceAgent,
+    Identity,
+    Publish,
+    SendQuery,
+    Subscription,
+    Write,
+)
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS
@@ -301,8 +309,8 @@ class AgentHost:
 
     def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
         """Count, log and drop a message that could not be decoded; the agent continues."""
-        assert isinstance(item, Publish | AskFor | Reply), "nothing else holds a message"
-        if isinstance(item, AskFor):
+        assert isinstance(item, Publish | SendQuery | Reply), "nothing else holds a message"
+        if isinstance(item, SendQuery):
             self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
         driver.refuse(item.key, error, self._clock())
         self.inbox.put("refused", lambda: None, keep=1)  # so that a turn follows and reports it
@@ -321,7 +329,7 @@ class AgentHost:
             self._mesh.publish(item.key, item.message, data)
         elif isinstance(item, Write):
             self._write(driver, item)
-        elif isinstance(item, AskFor):
+        elif isinstance(item, SendQuery):
             self._query(driver, item)
         elif isinstance(item, Reply):
             item.call.reply(item.key, item.message)
@@ -410,20 +418,20 @@ class AgentHost:
         return arrived
 
     def _on_query(self, driver: Driver, key: str, call: Call) -> None:
-        self._timed(driver, driver.asked, key, call.payload, call)
+        self._timed(driver, driver.on_query, key, call.payload, call)
 
-    def _query(self, driver: Driver, item: AskFor) -> None:
+    def _query(self, driver: Driver, item: SendQuery) -> None:
         lane = _lane(driver, item)
 
-        def replied(key: str, data: bytes) -> None:
+        def on_reply(key: str, data: bytes) -> None:
             self.inbox.put(lane, self._replied, driver, item, key, data)
 
         def over() -> None:
             self.inbox.put(lane, self._replied, driver, item, "", None)
 
-        self._mesh.ask(item.key, item.request, item.timeout, replied, over)
+        self._mesh.query(item.key, item.request, item.timeout, on_reply, over)
 
-    def _replied(self, driver: Driver, item: AskFor, key: str, data: bytes | None) -> None:
+    def _replied(self, driver: Driver, item: SendQuery, key: str, data: bytes | None) -> None:
         reply = None
         if data is not None:
             try:
@@ -431,10 +439,10 @@ class AgentHost:
             except MessageError as error:
                 driver.refuse(key, error, self._clock())
                 return
-        driver.replied(item.id, reply, self._clock())
+        driver.on_reply(item.id, reply, self._clock())
 
 
-def _lane(driver: Driver, item: AskFor) -> str:
+def _lane(driver: Driver, item: SendQuery) -> str:
     return f"reply/{driver.agent.instance}/{item.id}"
 
 

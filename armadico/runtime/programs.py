@@ -54,7 +54,7 @@ class Program:
     def ended(self) -> bool:
         return self.popen.poll() is not None
 
-    def last_words(self, lines: int = 5) -> str:
+    def last_lines(self, lines: int = 5) -> str:
         """Return the last lines of its output."""
         if self.log is None:
             return "    nothing"

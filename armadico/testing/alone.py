@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import atan2, degrees, hypot, radians
 from typing import Final, TypeVar
 
-from armadico.core.agent import Agent, Answer, AskFor, Publish, Question
+from armadico.core.agent import Agent, Answer, Publish, Question, SendQuery
 from armadico.core.coordination import DRAW
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -92,7 +92,7 @@ class Alone:
         self.stalled = self.charging = False
         self.touch: Point | None = None
         self.published: list[Message] = []
-        self.asked: list[AskFor] = []
+        self.on_query: list[SendQuery] = []
         self.answers: dict[int, Message] = {}
         self._replied: set[int] = set()
         if robot and any(each.message is Description for each in agent.subscriptions()):
@@ -125,7 +125,7 @@ class Alone:
         """Return what it has published since the last call."""
         out, self.agent.outbox = self.agent.outbox, []
         found = [item.message for item in out if isinstance(item, Publish)]
-        self.asked += [item for item in out if isinstance(item, AskFor)]
+        self.on_query += [item for item in out if isinstance(item, SendQuery)]
         self.answers |= {item.id: item.message for item in out if isinstance(item, Answer)}
         self.published += found
         return found
@@ -141,19 +141,19 @@ class Alone:
     def query(self, request: Message, number: int = 1) -> Message | None:
         """Send it a query; return the reply, or None if it comes later, in `answers`."""
         self.answers.pop(number, None)
-        self.agent.asked(Question(number, request), self.now)
+        self.agent.on_query(Question(number, request), self.now)
         self.collect()
         return self.answers.get(number)
 
     @property
     def waits(self) -> bool:
         """Whether it waits for the reply to its last query."""
-        return bool(self.asked) and self.asked[-1].id not in self._replied
+        return bool(self.on_query) and self.on_query[-1].id not in self._replied
 
     def reply(self, message: Message | None) -> list[Message]:
         """Reply to its last query; return what it publishes."""
-        self._replied.add(self.asked[-1].id)
-        self.agent.replied(self.asked[-1].id, message, self.now)
+        self._replied.add(self.on_query[-1].id)
+        self.agent.on_reply(self.on_query[-1].id, message, self.now)
         return self.collect()
 
     def wake(self) -> list[Message]:

@@ -108,7 +108,7 @@ class Sensors:
         if self._rangers is None:
             return ()
         echoes = self._rangers.collect(stamp, now)
-        self.notices.complain("the sonars are", self._rangers.wrong, now)
+        self.notices.report_fault("the sonars are", self._rangers.wrong, now)
         return echoes
 
     def _places(self, now: float) -> tuple[Pose2, ...]:
@@ -128,12 +128,12 @@ class Sensors:
                 ours = Mount(scans.laser.place, scans.laser.upside_down)
                 scans.accept(scan, self.mounting.mount(scan.header.frame_id, ours, "laser", now))
                 self._compare("scan", scan)
-                self.notices.complain("the laser is", "", now)
+                self.notices.report_fault("the laser is", "", now)
         except UnusableScanError as error:
-            self.notices.complain("the laser is", str(error), now)
+            self.notices.report_fault("the laser is", str(error), now)
         except ValueError as error:
             self._counts.malformed += 1
-            self.notices.complain("the laser is", str(error), now)
+            self.notices.report_fault("the laser is", str(error), now)
         return scans.newest(stamp)
 
     def _compare(self, topic: str, message: types.Odometry | types.LaserScan) -> None:

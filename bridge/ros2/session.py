@@ -150,7 +150,7 @@ class Session:
         """See `bridge.session`. Raises ValueError if they are not finite."""
         requested = finite(v, w)
         if self.is_open:
-            self._ramps.ask(requested, self._now)
+            self._ramps.request(requested, self._now)
 
     def stop(self) -> None:
         self.drive(*REST)
@@ -230,7 +230,7 @@ class Session:
         hung = self.is_open and now - self._now > LOOK_S + LATE_S
         self._now = now
         if hung:
-            self._ramps.ask(REST, now)
+            self._ramps.request(REST, now)
             self._ramps.at = float("-inf")
             self._wait()
 

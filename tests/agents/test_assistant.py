@@ -18,7 +18,7 @@ from armadico.agents.missions.messages import (
     MissionEnd,
     MissionOrder,
 )
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 
@@ -33,14 +33,14 @@ class Counter:
         self.now = 1.0
         self.number = 0
         self.published: list[object] = []
-        self.queries: list[AskFor] = []
+        self.queries: list[SendQuery] = []
         self.replies: dict[int, AssistantReply] = {}
 
     def collect(self) -> None:
         for item in self.agent.outbox:
             if isinstance(item, Publish):
                 self.published.append(decode(encode(item.message), type(item.message)))
-            elif isinstance(item, AskFor):
+            elif isinstance(item, SendQuery):
                 self.queries.append(item)
             elif isinstance(item, Answer):
                 assert isinstance(item.message, AssistantReply)
@@ -51,7 +51,7 @@ class Counter:
         """Return the reply to a program's request; None: no reply yet."""
         self.number += 1
         request = AssistantRequest(tool, json.dumps(args) if text is None else text, "model")
-        self.agent.asked(Question(self.number, request), self.now)
+        self.agent.on_query(Question(self.number, request), self.now)
         self.collect()
         return self.replies.get(self.number)
 
@@ -62,7 +62,7 @@ class Counter:
 
     def reply_to_query(self, reply: MissionReply | None) -> AssistantReply:
         """Return the reply to the program after the queried agent's reply."""
-        self.agent.replied(self.queries[-1].id, reply, self.now)
+        self.agent.on_reply(self.queries[-1].id, reply, self.now)
         self.collect()
         return self.replies[self.number]
 

@@ -35,7 +35,7 @@ SMALL = 0.8
 class Rounds(Sender):
     """Stands in for mission planning: has the robot driven to one goal after another."""
 
-    asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
     utility = 0.45  # a mission of priority 0.5
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
@@ -274,16 +274,16 @@ def test_without_a_dock_on_the_map_people_are_told() -> None:
     society = Society(0.1, "sc4")
     society.run(10.0)
     assert any("no dock on the map" in text for text in society.logs)
-    reply = ask(society, E)
+    reply = query(society, E)
     assert "no dock on the map" in reply.note
 
 
 # Use case 2: is it enough? ------------------------------------------------------------------------
 
 
-def ask(society: Society, goal: Waypoint, energy: float = 0.0) -> EnergyReply:
+def query(society: Society, goal: Waypoint, energy: float = 0.0) -> EnergyReply:
     replies: list[Any] = []
-    society.sender.ask(EnergyRequest(goal, energy), replies.append, timeout=8.0)
+    society.sender.query(EnergyRequest(goal, energy), replies.append, timeout=8.0)
     society.until(lambda: bool(replies), 10.0)
     assert replies[0] is not None
     found: EnergyReply = replies[0]
@@ -299,28 +299,28 @@ def waiting() -> Society:
 
 def test_what_is_needed_is_the_way_there_the_way_on_to_a_dock_and_a_reserve() -> None:
     society = waiting()
-    near, far = ask(society, Waypoint(1.5, 1.5, 0.0)), ask(society, E)
+    near, far = query(society, Waypoint(1.5, 1.5, 0.0)), query(society, E)
     assert near.enough
     assert far.enough
     assert near.needed < far.needed
-    more = ask(society, E, 5000.0)
+    more = query(society, E, 5000.0)
     assert more.needed - far.needed == pytest.approx(1.3 * 5000.0, rel=0.05)
     assert far.left == pytest.approx(0.55 * 5.0 * 3600 * 10.8, rel=0.05)
     assert "kJ are left" in far.note
 
 
 def test_too_little_is_said_with_both_numbers() -> None:
-    reply = ask(waiting(), E, 1e6)
+    reply = query(waiting(), E, 1e6)
     assert not reply.enough
     assert "kJ are needed" in reply.note
 
 
 def test_a_goal_from_which_no_dock_is_reached_is_not_enough() -> None:
-    reply = ask(waiting(), Waypoint(99.0, 0.0, 0.0))
+    reply = query(waiting(), Waypoint(99.0, 0.0, 0.0))
     assert not reply.enough
     assert "no way from there to a dock" in reply.note
 
 
 def test_the_charger_declares_what_it_shares() -> None:
     assert BatteryCharger.competes_for == (PLANNER, TRAJECTORY)
-    assert RobotState in BatteryCharger.hears
+    assert RobotState in BatteryCharger.receives

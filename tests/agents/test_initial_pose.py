@@ -23,7 +23,7 @@ def test_a_kidnapped_robot_is_localized_by_an_initial_pose() -> None:
     run.robot.plant.set_pose(HERE.x, HERE.y, HERE.theta)
     run.mesh.run(run.mesh.now + 2.0)
     assert hypot(said[Pose].x - HERE.x, said[Pose].y - HERE.y) > 1.0
-    reply = run.client.ask(MissionRequest(GOAL, start=HERE), 20.0)
+    reply = run.client.query(MissionRequest(GOAL, start=HERE), 20.0)
     assert isinstance(reply, MissionReply)
     assert reply.refusal == ""
     run.mesh.run(run.mesh.now + 15.0)

@@ -422,17 +422,17 @@ def turns(draw: Any) -> list[Turn]:
 def drive(
     all_of_them: list[Turn], restarted: Callable[[Course], Course]
 ) -> tuple[Course, list[Any]]:
-    course, asked = Course(), []
+    course, on_query = Course(), []
     for turn in all_of_them:
         if turn.detour:
             course = merged(WORLD, broken_off(WORLD, restarted(course)), turn.detour)
         ahead(WORLD, restarted(course))
         out = advance(WORLD, restarted(course), turn.beliefs, turn.seconds, turn.state, "so it is")
         course = out.course
-        asked.append((out.request, out.failed, out.events, course.tasks))
+        on_query.append((out.request, out.failed, out.events, course.tasks))
         if out.request is None:
             break
-    return course, asked
+    return course, on_query
 
 
 @settings(max_examples=100, deadline=None)
@@ -441,9 +441,9 @@ def test_who_goes_on_from_the_published_state_goes_the_same_way(all_of_them: lis
     through = drive(all_of_them, lambda course: course)
     restarted = drive(all_of_them, lambda course: decode(encode(course), Course))
     assert through == restarted
-    course, asked = through
+    course, on_query = through
     assert all(len(result.step) > 0 for result in course.results)
-    ended = [request is None for request, *_ in asked]
+    ended = [request is None for request, *_ in on_query]
     assert not any(ended[:-1])
     assert ended[-1] == (not course.frames)
     assert {result.end for result in course.results} <= {*StepEnd}

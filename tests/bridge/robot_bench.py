@@ -41,16 +41,16 @@ class Bench:
     # What happens ------------------------------------------------------------------------------
 
     def plug(self) -> None:
-        self.robot.take_link(True, "", self.now)
+        self.robot.update_link(True, "", self.now)
         self.take()
 
     def unplug(self) -> None:
-        self.robot.take_link(False, "pulled out", self.now)
+        self.robot.update_link(False, "pulled out", self.now)
         self.take()
 
     def answer(self, *packets: bytes) -> None:
         for packet in packets:
-            self.robot.take_bytes(packet, self.now)
+            self.robot.receive_bytes(packet, self.now)
             self.take()
 
     def connect(self) -> Bench:

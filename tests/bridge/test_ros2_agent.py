@@ -44,7 +44,7 @@ class Bench:
         self.ranges: list[float] | None = [2.0] * 21
         self.step = 0.1
         self.agent.start(0.0)
-        self.agent.take_link(True, "", 0.0)
+        self.agent.update_link(True, "", 0.0)
         self.take()
 
     def take(self) -> None:
@@ -62,7 +62,7 @@ class Bench:
         self.agent.outbox.clear()
 
     def raw(self, data: bytes) -> None:
-        self.agent.take_bytes(data, self.now)
+        self.agent.receive_bytes(data, self.now)
         self.take()
 
     def go(

@@ -141,7 +141,7 @@ def test_the_session_understands_it() -> None:
     assert reports[-1].v == pytest.approx(0.5, abs=0.1)
     assert reports[-1].battery_v == pytest.approx(29.0, abs=0.5)
     assert reports[-1].scan is not None
-    assert session.line.told == ""
+    assert session.line.summary == ""
 
 
 @pytest.mark.parametrize("upside_down", [False, True])

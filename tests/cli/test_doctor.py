@@ -54,8 +54,8 @@ def test_the_clock_of_a_host_that_does_not_answer_is_not_known() -> None:
 def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
     table = tmp_path / "hosts.toml"
     table.write_text('[lab1]\nrouter = "udp/127.0.0.1:7501"\n[lab2]\naddress = "127.0.0.2"\n')
-    asked = Mesh(hosts=str(table))
-    assert returned(doctor.hosts(asked)) == {"lab1", "lab2"}
+    on_query = Mesh(hosts=str(table))
+    assert returned(doctor.hosts(on_query)) == {"lab1", "lab2"}
     assert returned(doctor.hosts(Mesh())) == set()
 
 
@@ -203,8 +203,8 @@ def test_top_says_why_a_mission_is_not_driven() -> None:
 def test_a_host_without_a_router_in_the_table_is_not_looked_for(tmp_path: Path) -> None:
     table = tmp_path / "hosts.toml"
     table.write_text('[lab1]\nagents = ["goto"]\n')
-    asked = Mesh(hosts=str(table))
-    (finding,) = doctor.hosts(asked)
+    on_query = Mesh(hosts=str(table))
+    (finding,) = doctor.hosts(on_query)
     assert (finding.subject, finding.verdict) == ("host lab1", "ok")
 
 

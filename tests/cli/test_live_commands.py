@@ -157,17 +157,17 @@ def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
             answer: dict[str, Any] = json.loads(server.stdout.readline())
             return answer
 
-        def ask(method: str, **params: object) -> dict[str, Any]:
+        def query(method: str, **params: object) -> dict[str, Any]:
             request = {"jsonrpc": "2.0", "id": 7, "method": method, "params": params}
             answer = answered(json.dumps(request))
             assert answer["id"] == 7
             return answer["result"]
 
         def tool(name: str, **told: object) -> dict[str, Any]:
-            found: dict[str, Any] = ask("tools/call", name=name, arguments=told)
+            found: dict[str, Any] = query("tools/call", name=name, arguments=told)
             return found["structuredContent"]
 
-        ask("initialize", clientInfo={"name": "model"}, protocolVersion="2025-06-18")
+        query("initialize", clientInfo={"name": "model"}, protocolVersion="2025-06-18")
         assert tool("where")["heard"]
         assert tool("drive") == {"refused": "no tool 'drive'"}
         assert "too long" in tool("history", lines="x" * 3000)["refused"]
@@ -319,7 +319,7 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     assert run("mission", "status").stdout == "no missions\n"
     rows = 'steps = [{ do = "take-photo", else = [{ do = "wait", seconds = 600 }] }]'
     order = MissionOrder("long", zlib.compress(rows.encode()), 0.7, "a test")
-    reply = Client(router).ask(order, SOON)
+    reply = Client(router).query(order, SOON)
     assert isinstance(reply, MissionReply)
     assert reply.refusal == ""
     done = run("mission", "status")

@@ -116,10 +116,10 @@ def test_for_everybody_the_link_has_a_token_and_the_command_ends_in_order() -> N
         assert found is not None, process.communicate()
         port, token = found[2], found[3]
         assert len(token) >= 32
-        asked = urllib.request.Request(
+        on_query = urllib.request.Request(
             f"http://127.0.0.1:{port}/allowed", headers={"Authorization": f"Bearer {token}"}
         )
-        with urllib.request.urlopen(asked, timeout=20) as answer:
+        with urllib.request.urlopen(on_query, timeout=20) as answer:
             assert answer.status == 200
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0, process.communicate()

@@ -343,7 +343,7 @@ def test_a_ros2_robot_is_driven_over_it_and_waits_for_the_next_client(line: TcpL
                 return any(isinstance(e, Reported) and e.v > 0.4 for e in events)
 
             served.until(drives)
-            assert session.line.told == ""
+            assert session.line.summary == ""
         served.until(lambda: not line.connected)
         served.until(lambda: abs(served.robot.plant.speeds[0]) < 0.01)  # its own watchdog
 

@@ -43,7 +43,7 @@ from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.mobile.messages import Pose
 from armadico.observe.view import View
-from armadico.observe.watching import Heard, Watcher
+from armadico.observe.watching import Received, Watcher
 from tests.programs import BIN, Done, call, heavy, imports_nothing
 
 pytestmark = pytest.mark.live
@@ -277,7 +277,7 @@ def test_what_comes_while_top_looks_is_no_silence(monkeypatch: pytest.MonkeyPatc
         def at(self, _: float) -> dict[str, Any]:
             now[0] += 5.0
             for _ in range(9):
-                watcher._put(Heard(NAMESPACE, "encoder/pose", b"", watcher.clock()))
+                watcher._put(Received(NAMESPACE, "encoder/pose", b"", watcher.clock()))
             return {}
 
     monkeypatch.setattr(top, "time", SimpleNamespace(monotonic=lambda: now[0]))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.errors import ConfigError, ConfigNameError
-from armadico.config.hosts import Host, load_hosts, nobodys, serial_port
+from armadico.config.hosts import Host, load_hosts, serial_port, unplaced
 from armadico.config.loading import read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
@@ -110,8 +110,8 @@ def test_the_robots_router_is_that_of_the_host_that_runs_the_robot_agent(tmp_pat
         ConfigError, match=r"lab\.toml:6: lab1\.router = .*only the host of the rob"
     ):
         load_hosts(lab(tmp_path, own.replace("address = ", 'router = "tcp/10.0.0.3:7447" # ')))
-    nobodys = LAB.replace('"robot", "encoder"', '"encoder"').replace("router = ", "# ")
-    table = load_hosts(lab(tmp_path, nobodys))
+    unplaced = LAB.replace('"robot", "encoder"', '"encoder"').replace("router = ", "# ")
+    table = load_hosts(lab(tmp_path, unplaced))
     assert (table.robots_host, table.robots_router) == (None, None)
 
 
@@ -125,7 +125,7 @@ def test_the_controller_of_a_hosts_robot_agent(tmp_path: Path) -> None:
 
 
 def test_who_is_nobodys_is_found(tmp_path: Path) -> None:
-    assert nobodys(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
+    assert unplaced(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
 
 
 def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def toy(given: Parameters | None = None) -> tuple[Toy, Driver]:
 def query(driver: Driver, *change: tuple[str, str]) -> tuple[ParametersReply, list[Any]]:
     """The reply, and what is published with it."""
     request = ParametersRequest(tuple(Setting(*each) for each in change), "ann")
-    driver.asked(KEY, encode(request), "call", 1.0)
+    driver.on_query(KEY, encode(request), "call", 1.0)
     outputs = driver.drain()
     (reply,) = (item for item in outputs if isinstance(item, Reply))
     assert (reply.call, reply.key) == ("call", KEY)
@@ -229,7 +229,7 @@ def test_left_out_settings_are_added_again_and_that_ends() -> None:
     for name, (_, driver) in agents.items():
         key = f"agent/{name}/{name}-1/parameters"
         request = ParametersRequest((Setting("v_max", "0.25"),), "ann")
-        driver.asked(key, encode(request), "call", 1.0)
+        driver.on_query(key, encode(request), "call", 1.0)
         outputs[name] = tunings(driver.drain())
     queue = [*outputs["one"], *outputs["two"]]
     for _ in range(10):
@@ -271,10 +271,10 @@ def test_an_agent_without_changeable_parameters_refuses() -> None:
 def test_a_malformed_request_changes_nothing_and_is_no_failure() -> None:
     agent, driver = toy()
     for payload in (b"", b"\xff", b"\x82\x81\x81\x61x\x60"):
-        driver.asked(KEY, payload, "call", 1.0)
+        driver.on_query(KEY, payload, "call", 1.0)
     assert not [item for item in driver.drain() if isinstance(item, Reply)]
     assert agent.p == Parameters()
-    driver.asked(KEY, b"\x80", "call", 1.0)  # an empty question is one for all that there are
+    driver.on_query(KEY, b"\x80", "call", 1.0)  # an empty question is one for all that there are
     assert [item for item in driver.drain() if isinstance(item, Reply)]
 
 

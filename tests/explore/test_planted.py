@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from armadico.core import coordination
-from armadico.core.coordination import Contender, Event, Owner, State, Step, Verdict, last_heard
+from armadico.core.coordination import Contender, Event, Owner, State, Step, Verdict, by_newest
 from armadico.core.cycles import CycleClock
 from armadico.core.membership import Admission, Stage
 from armadico.core.messages import Ack, Command, Message
@@ -105,7 +105,7 @@ class LastHeard(Contender):
     """Compares its newest bid with the newest claim, whatever cycles they answer."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more, compare=last_heard)
+        super().__init__(*args, **more, compare=by_newest)
 
 
 AFTER = Setup(("0.6",), kinds=("fates", "bids"), changes=("-",))

@@ -70,7 +70,7 @@ class Hostile:
         request = AssistantRequest(tool, text, rng.choice(["model", "goto", "ann", ""]))
         replies: list[bytes] = []
         key = service_of(AssistantRequest).key
-        self.place.ask(
+        self.place.query(
             key, request, 5.0, lambda _k, data: replies.append(data), lambda: self._end(replies)
         )
 

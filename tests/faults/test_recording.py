@@ -24,7 +24,7 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Pose
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
-from armadico.observe.watching import Heard, Presence
+from armadico.observe.watching import Presence, Received
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.record import Bids, Left, Passed, Published
 from armadico_tools.faults.recording import check, observations
@@ -47,7 +47,7 @@ def kept(path: Path, terms: list[int]) -> Path:
     recording = Recording(path)
 
     def record_message(at: float, key: str, message: Message, *, queried: bool = False) -> None:
-        recording.add(Heard("robot1", key, encode(message), int(at * SECOND), queried))
+        recording.add(Received("robot1", key, encode(message), int(at * SECOND), queried))
 
     recording.add(Presence("robot1", "goto", GOTO, True, SECOND))
     for number, term in enumerate(terms, 10):
@@ -105,7 +105,7 @@ def test_a_takeover_may_be_recorded_before_the_last_claim(
     recording = Recording(path := tmp_path / "handed.mcap")
 
     def record_message(at: float, key: str, message: Message) -> None:
-        recording.add(Heard("robot1", key, encode(message), round(at * SECOND)))
+        recording.add(Received("robot1", key, encode(message), round(at * SECOND)))
 
     def claim(number: int, ballot: Ballot, wanted: float, commanded: float) -> Claim:
         cycle, least = Cycle(1, number), ballot.utility

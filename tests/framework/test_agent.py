@@ -16,10 +16,10 @@ from armadico.core.agent import (
     ERROR,
     Agent,
     Answer,
-    AskFor,
     Identity,
     Parameters,
     Question,
+    SendQuery,
     Social,
 )
 from armadico.core.exchange import Bid
@@ -52,8 +52,8 @@ class Driver(Agent):
     name = "driver"
     reacts_to = Pose
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     competes_for = (WHEELS,)
 
@@ -222,7 +222,7 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
 
     class Listener(Agent):
         name = "listener"
-        hears: ClassVar[tuple[type[Message], ...]] = (Hum, Pose)
+        receives: ClassVar[tuple[type[Message], ...]] = (Hum, Pose)
 
     services.register(Service(Hum, "hum", Kind.STATE, 1, 8, "once per second"))
     listener = Listener(Identity("listener-1"))
@@ -387,10 +387,10 @@ def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) 
 def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
     request = MissionRequest(Waypoint(1, 0, 0))
     driver.reply = MissionReply(3)
-    driver.asked(Question(11, request), 0.0)
+    driver.on_query(Question(11, request), 0.0)
     assert driver.outbox == [Answer(11, MissionReply(3))]
     driver.reply = None
-    driver.asked(Question(12, request), 0.0)
+    driver.on_query(Question(12, request), 0.0)
     assert len(driver.outbox) == 1
     driver.answer(Question(12, request), MissionReply(4))
     assert driver.outbox[-1] == Answer(12, MissionReply(4))
@@ -399,17 +399,17 @@ def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
 def test_a_reply_reaches_its_query_once(driver: Driver) -> None:
     got: list[Any] = []
     here = Waypoint(0, 0, 0)
-    driver.ask(PlanRequest(here, here), got.append, timeout=3.0)
-    driver.ask(PlanRequest(here, here), got.append)
+    driver.query(PlanRequest(here, here), got.append, timeout=3.0)
+    driver.query(PlanRequest(here, here), got.append)
     first, second = driver.outbox
-    assert isinstance(first, AskFor)
-    assert isinstance(second, AskFor)
+    assert isinstance(first, SendQuery)
+    assert isinstance(second, SendQuery)
     assert (first.key, first.reply, first.timeout) == ("path/plan", Plan, 3.0)
     assert first.id != second.id
     plan = Plan((), refusal="no")
-    driver.replied(second.id, None, 1.0)
-    driver.replied(first.id, plan, 1.0)
-    driver.replied(first.id, plan, 1.0)
+    driver.on_reply(second.id, None, 1.0)
+    driver.on_reply(first.id, plan, 1.0)
+    driver.on_reply(first.id, plan, 1.0)
     assert got == [None, plan]
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import pytest
 
 from armadico.core.agent import Agent, Answer, Identity, Question
-from armadico.core.driver import OPEN_QUERIES, AskFor, Driver, Reply
+from armadico.core.driver import OPEN_QUERIES, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
 from armadico.core.messages import PROTOCOL, Card, Message, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
@@ -22,7 +22,7 @@ class Planner(Agent):
 
     name = "planner"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Identity) -> None:
@@ -73,8 +73,8 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
 def test_a_refused_agent_stores_nothing() -> None:
     agent, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
-    driver.replied(ask.id, card("planner-1", tenure=50), now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, card("planner-1", tenure=50), now)
     assert driver.stage is Stage.REFUSED
     deliver(driver, STOP, now)
     assert agent.memory.newest(Stop) is None
@@ -88,7 +88,7 @@ def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
     agent, driver, now = begun()
     calls = [object() for _ in range(OPEN_QUERIES + 3)]
     for call in calls:
-        driver.asked("path/plan", encode(REQUEST), call, now)
+        driver.on_query("path/plan", encode(REQUEST), call, now)
     assert len(agent.questions) == len(calls)
     for question in agent.questions:
         agent.outbox.append(Answer(question.id, Plan((), 1.0)))
@@ -106,12 +106,12 @@ def test_a_card_speaks_for_its_own_instance_only() -> None:
     agent.met = lambda card, now: listening.append(card)  # type: ignore[method-assign]
     driver.token("planner", "planner-1", True, now)
     driver.token("evil", "evil-1", True, now)
-    asked = {item.key: item.id for item in driver.drain() if isinstance(item, AskFor)}
-    question = asked["agent/evil/evil-1/card"]
-    driver.replied(question, card("planner-1", tenure=10**6), now)
+    on_query = {item.key: item.id for item in driver.drain() if isinstance(item, SendQuery)}
+    question = on_query["agent/evil/evil-1/card"]
+    driver.on_reply(question, card("planner-1", tenure=10**6), now)
     assert listening == []
     assert driver.stage is Stage.JOINED
-    driver.replied(asked["agent/planner/planner-1/card"], card("evil-1"), now)
+    driver.on_reply(on_query["agent/planner/planner-1/card"], card("evil-1"), now)
     assert listening == []
 
 
@@ -119,7 +119,7 @@ def test_one_that_is_given_for_another_is_no_card_at_all() -> None:
     """Its own card is queried again: one false reply neither admits nor refuses."""
     _, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
-    driver.replied(ask.id, card("planner-2", tenure=10**6), now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, card("planner-2", tenure=10**6), now)
     assert driver.stage is Stage.LOOKING
     assert driver.refusal == ""

@@ -21,7 +21,7 @@ class Bell(Agent):
     """Publishes alarms."""
 
     name = "bell"
-    hears: ClassVar[tuple[type[Message], ...]] = (Alarm,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Alarm,)
 
     def on_alarm(self, alarm: Alarm) -> None:
         self.log(f"in {alarm.room}")
@@ -123,13 +123,13 @@ def test_a_query_is_answered_to_its_client_and_noted_with_its_number() -> None:
     driver = journalled(publishes=False, wall=lambda: 1e9)
     call = object()
     key = f"agent/bell/{driver.agent.instance}/card"
-    driver.asked(key, Ask(), call, 11.0)
+    driver.on_query(key, Ask(), call, 11.0)
     (reply,) = driver.drain()
     assert isinstance(reply, Reply)
     assert reply.call is call
     assert isinstance(reply.message, Card)
-    asked, taken = entries(driver.pieces())[-2:]
-    assert asked[4:] == [1, 1e9]
+    on_query, taken = entries(driver.pieces())[-2:]
+    assert on_query[4:] == [1, 1e9]
     assert msgpack.decode(taken[1])[0][:3] == [j.REPLY, 1, key]
 
 
@@ -139,10 +139,10 @@ def test_a_lost_piece_is_given_again_and_is_not_part_of_its_life() -> None:
     driver.wake(10.5)
     (piece,) = messages(driver.drain())
     assert driver.queries[AGAIN] is JournalRequest
-    driver.asked(AGAIN, encode(JournalRequest(1)), "call", 10.6)
+    driver.on_query(AGAIN, encode(JournalRequest(1)), "call", 10.6)
     assert driver.drain() == [Reply("call", AGAIN, piece)]
-    driver.asked(AGAIN, encode(JournalRequest(2)), "call", 10.6)  # there is none
-    driver.asked(AGAIN, b"\xff", "call", 10.6)
+    driver.on_query(AGAIN, encode(JournalRequest(2)), "call", 10.6)  # there is none
+    driver.on_query(AGAIN, b"\xff", "call", 10.6)
     assert driver.drain() == []
     assert service_of(JournalRequest).reply is JournalPiece
 

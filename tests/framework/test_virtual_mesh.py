@@ -41,7 +41,7 @@ class Listener(Agent):
     """Keeps a state, an event and the changes of tokens."""
 
     name = "listener"
-    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Word)
+    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Word)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
@@ -94,15 +94,15 @@ class Asker(Agent):
     """Requests a plan when it receives a mission's status."""
 
     name = "asker"
-    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus,)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
         self.got: Seen = []
 
     def on_mission_status(self, status: MissionStatus) -> None:
-        self.ask(REQUEST, lambda plan: self.got.append((self.now, plan)), timeout=0.5)
+        self.query(REQUEST, lambda plan: self.got.append((self.now, plan)), timeout=0.5)
 
 
 def status(number: int) -> MissionStatus:
@@ -405,7 +405,7 @@ def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_cou
     dead.kill()
     hung.hang()
     got: list[Message | None] = []
-    mesh.ask(REQUEST, got.append)
+    mesh.query(REQUEST, got.append)
     mesh.run(10.0)
     assert got in ([Plan((), 2.0)], [Plan((), 3.0)])
     hung.resume()
@@ -494,7 +494,7 @@ class Numb(Agent):
         self.replies: list[Any] = []
         nowhere = Waypoint(float("nan"), 0, 0)
         self.publish(MissionStatus(1, MissionState.DRIVING, float("nan")))
-        self.ask(PlanRequest(nowhere, nowhere), self.replies.append)
+        self.query(PlanRequest(nowhere, nowhere), self.replies.append)
 
     def on_mission_request(self, question: Question) -> Message:
         return MissionReply(-1)
@@ -508,7 +508,7 @@ def test_messages_that_cannot_be_sent_are_logged() -> None:
     (messages,) = lines
     assert "1 x on mission/status: MissionStatus cannot be sent" in messages
     mesh.run(10.0)
-    mesh.ask(MissionRequest(Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
+    mesh.query(MissionRequest(Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
     mesh.run(20.0)
     _, messages = lines
     assert "1 x on path/plan: PlanRequest cannot be sent" in messages

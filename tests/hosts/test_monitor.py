@@ -60,7 +60,7 @@ def table(table: Path, request: pytest.FixtureRequest) -> Path:
 
 def sent_off(observer: Observer) -> None:
     request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
-    observer.client.hand_over(request, again=SOON)  # as soon as there is a pose
+    observer.client.request_mission(request, again=SOON)  # as soon as there is a pose
     observer.until(observer.driving, "the robot is on its way")
 
 

@@ -29,7 +29,7 @@ OTHERS = [name for host, names in AGENTS.items() if host != ROBOT for name in na
 def drives(observer: Observer) -> None:
     """Send the robot a long way off, and wait until it drives."""
     request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
-    observer.client.hand_over(request, find=SOON, again=SOON)
+    observer.client.request_mission(request, find=SOON, again=SOON)
     observer.until(observer.driving, "the robot is on its way")
 
 

@@ -93,7 +93,7 @@ class Sick(Agent):
 
     name = "sick"
     provides = (Scan,)
-    hears = (RobotState,)
+    receives = (RobotState,)
     plant: ClassVar[Plant]
 
     def on_robot_state(self, state: RobotState) -> None:

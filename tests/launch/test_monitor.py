@@ -259,7 +259,7 @@ def test_a_host_that_stays_silent_is_given_up_in_the_end_within_its_budget() -> 
 
 def test_on_a_loaded_machine_everything_may_take_longer() -> None:
     society = Society().let_pass(6.0)
-    society.run.hosts["here"].wakeup.agent.take_bytes(lines(Load(3.0)), society.mesh.now)
+    society.run.hosts["here"].wakeup.agent.receive_bytes(lines(Load(3.0)), society.mesh.now)
     society.let_pass(2.0)
     node = society.mesh.node("goto")
     FAULTS["deaf"](node)

@@ -34,7 +34,7 @@ from armadico.agents.supervision.wakeup import (
     lines,
     orders,
 )
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
+from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery, Write
 from armadico.core.messages import PROTOCOL, Card, Message, MonitorReport
 from armadico.core.restart_policy import MISUSED
 
@@ -53,7 +53,7 @@ class Bench:
         self.published: list[Message] = []
         self.orders: list[Order] = []
         self.started: list[float] = []  # when processes were, s
-        self.queries: list[AskFor] = []
+        self.queries: list[SendQuery] = []
         self.answers: list[WakeupReply] = []
         self.agent.start(self.now)
         if up:
@@ -73,7 +73,7 @@ class Bench:
                     found += orders(item.data)
                 case Publish():
                     self.published.append(item.message)
-                case AskFor():
+                case SendQuery():
                     self.queries.append(item)
                 case Answer(_, WakeupReply() as reply):
                     self.answers.append(reply)
@@ -86,11 +86,11 @@ class Bench:
         return [(order.do, order.label) for order in self.take() if order.do is not Do.SAY]
 
     def begins(self, label: str, pid: int) -> None:
-        self.agent.take_bytes(lines(Event(label, pid)), self.now)
+        self.agent.receive_bytes(lines(Event(label, pid)), self.now)
 
     def ends(self, label: str, code: int = -9, words: str = "") -> None:
         how = f"status {code}" if code >= 0 else "signal SIGKILL"
-        self.agent.take_bytes(lines(Event(label, 0, how, code, words)), self.now)
+        self.agent.receive_bytes(lines(Event(label, 0, how, code, words)), self.now)
 
     def appear(self, instance: str) -> None:
         self.agent.appeared(instance.rpartition("-")[0], instance, self.now)
@@ -112,7 +112,7 @@ class Bench:
 
     def request(self, order: WakeupOrder, agent: str, pid: int = 0) -> str:
         """Send a request; return its refusal, or ""."""
-        self.agent.asked(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
+        self.agent.on_query(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
         out = self.agent.outbox
         (answer,) = (item.message for item in out if isinstance(item, Answer))
         assert isinstance(answer, WakeupReply)
@@ -183,7 +183,7 @@ def test_a_query_for_a_card_is_repeated_and_delays_no_other() -> None:
     (dead,) = (item for item in bench.queries if "avoid-dead" in item.key)
     assert dead.timeout == CARD_S
     assert sorted(bench.queried()) == ["avoid-1", "avoid-dead", "goto-1"], "and whom it waits for"
-    bench.agent.replied(dead.id, None, bench.now)
+    bench.agent.on_reply(dead.id, None, bench.now)
     assert bench.queried() == ["avoid-dead"]
     bench.agent.met(bench.card("goto-1", GOTO), bench.now)
     bench.agent.met(bench.card("avoid-1", AVOID), bench.now)
@@ -204,7 +204,7 @@ def test_a_process_that_does_not_join_the_mesh_is_killed() -> None:
 def test_on_a_loaded_machine_a_start_may_take_as_many_times_longer() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
-    bench.agent.take_bytes(lines(Load(2.0)), bench.now)
+    bench.agent.receive_bytes(lines(Load(2.0)), bench.now)
     assert bench.pass_time(2 * START_S - 1.0) == []
     assert bench.share().load == 2.0
     assert bench.pass_time(2.0) == [(Do.KILL, "goto")]

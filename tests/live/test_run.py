@@ -258,8 +258,8 @@ def test_a_router_is_not_named_for_a_run_that_starts_the_robots_own(
 
 def test_the_simulated_robot_is_the_scenarios(apart: None) -> None:
     assert "--robot=amigobot" in simulator_words(replace(LINE, robot="amigobot"), 1, NAMESPACE)
-    stranger = replace(LINE, robot="nobodys")
-    with mesh_of(NAMESPACE) as mesh, pytest.raises(ConfigError, match="no robot 'nobodys'"):
+    stranger = replace(LINE, robot="unplaced")
+    with mesh_of(NAMESPACE) as mesh, pytest.raises(ConfigError, match="no robot 'unplaced'"):
         Launcher(stranger, Options(), mesh, NAMESPACE)
 
 

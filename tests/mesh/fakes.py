@@ -73,7 +73,7 @@ class FakeMesh(Reader, Monotonic):
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         self.answers[key] = receiver
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,

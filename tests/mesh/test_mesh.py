@@ -66,7 +66,7 @@ def subscribed(mesh: Mesh, pattern: str) -> Box:
 def queried(mesh: Mesh, key: str, request: Any) -> Box:
     """A query, its replies, and an empty one for its end."""
     box = Box(mesh)
-    mesh.ask(key, request, SOON, box.put, box.put)
+    mesh.query(key, request, SOON, box.put, box.put)
     return box
 
 
@@ -228,7 +228,7 @@ def test_messages_that_could_not_be_decoded_are_rejected_when_they_are_sent(
     with pytest.raises(MessageError, match=why):
         publisher.publish("any/key", message)
     with pytest.raises(MessageError, match=why):
-        publisher.ask("a/query", message, SOON, box.put, box.put)
+        publisher.query("a/query", message, SOON, box.put, box.put)
     publisher.publish("any/key", claim(LARGEST))
     assert listener.read(Claim, *box.get()) == claim(LARGEST)
     assert box.empty()
@@ -264,14 +264,14 @@ def test_a_query_is_answered_by_the_agent_that_can(enter: Enter) -> None:
         call.reply("path/plan", plan)
 
     planner.answer("path/plan", answer)
-    assert client.ask(REQUEST, SOON) == plan
+    assert client.query(REQUEST, SOON) == plan
 
 
 def test_a_query_without_receivers_ends_long_before_its_timeout(enter: Enter) -> None:
     client, other = enter(), enter()
     linked(client, other)
     box = Box(client)
-    client.ask("path/plan", REQUEST, 1000 * SOON, box.put, box.put)
+    client.query("path/plan", REQUEST, 1000 * SOON, box.put, box.put)
     assert box.get() == ()
 
 
@@ -280,7 +280,7 @@ def test_an_abandoned_query_ends_without_a_reply(enter: Enter) -> None:
     silent.answer("path/plan", lambda _call: None)
     linked(client, silent)
     box = Box(client)
-    client.ask("path/plan", REQUEST, SOON / 2, box.put, box.put)
+    client.query("path/plan", REQUEST, SOON / 2, box.put, box.put)
     assert box.get() == ()
 
 
@@ -347,10 +347,10 @@ def test_a_client_repeats_a_query_until_its_patience_ends(
 ) -> None:
     client, late = Client(enter()), enter()
     began = client.mesh.now()
-    assert client.ask(REQUEST, SOON, patience=0.0) is None
+    assert client.query(REQUEST, SOON, patience=0.0) is None
     assert client.mesh.now() - began < SOON
     late.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 1.0)))
-    assert client.ask(REQUEST, SOON) == Plan((), 1.0)
+    assert client.query(REQUEST, SOON) == Plan((), 1.0)
 
 
 def test_what_a_client_publishes_goes_by_its_services_key(enter: Enter) -> None:

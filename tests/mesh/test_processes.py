@@ -31,7 +31,7 @@ def there(client: Client, count: int) -> bool:
 
 def upset(client: Client) -> None:
     """Publish the stop that ends toys other than calm ones, until a query shows its arrival."""
-    assert client.ask(REQUEST, SOON) is not None
+    assert client.query(REQUEST, SOON) is not None
     client.publish(Stop(1, True, "the test", 1))
 
 
@@ -57,7 +57,7 @@ def test_an_agent_gives_its_card_and_answers_its_queries(client: Client, spawn: 
     assert isinstance(card, Card)
     assert (card.name, card.instance, card.pid) == ("toy", instance, process.pid)
     assert card.provides == ("encoder/pose", "path/plan")
-    assert client.ask(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+    assert client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
 
 
 def test_two_instances_have_different_names(client: Client, spawn: Spawn) -> None:

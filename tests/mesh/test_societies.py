@@ -160,7 +160,7 @@ def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
         assert card is not None
         assert (card.name, card.instance, card.protocol) == (name, instance, PROTOCOL)
     instance = toys[0].agent.instance
-    assert crowd.client.ask(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+    assert crowd.client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
     card = crowd.client.card("toy", instance, SOON)
     assert card is not None
     assert card.provides == ("path/plan",)
@@ -171,7 +171,7 @@ class Loud(Toy):
     """Publishes on a stop claims that are invalid by numbers or size, and a valid one."""
 
     name = "loud"
-    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 
     def on_stop(self, stop: Stop) -> None:
         ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)

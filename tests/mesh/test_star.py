@@ -174,7 +174,7 @@ def test_what_a_client_declares_before_its_router_is_there_works_once_it_comes(
     assert True in news.all
     client = Client(late)
     assert client.wait_for(lambda: GOTO in client.alive, SOON)
-    assert client.ask(REQUEST, SOON) == Plan((), 1.0)
+    assert client.query(REQUEST, SOON) == Plan((), 1.0)
     assert publishes_until(late, "encoder/pose", got)
     assert early.read(Pose, *got[0]) == POSE
 
@@ -193,7 +193,7 @@ def test_what_a_client_publishes_before_its_router_is_there_arrives_nowhere(
 def test_a_query_before_the_router_is_there_ends_at_once_without_a_reply(client_of: Open) -> None:
     early, replies, ends = client_of(), [], []
     early.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 1.0)))
-    early.ask(
+    early.query(
         "path/plan", REQUEST, SOON, lambda *reply: replies.append(reply), lambda: ends.append(1)
     )
     assert ends == [1]
@@ -252,7 +252,7 @@ def test_after_a_restart_of_the_router_only_agents_that_do_not_come_back_are_rep
         assert eventually(lambda: all(mesh.reachable for mesh in (watcher, goto, avoid)))
         assert publishes_until(goto, "encoder/pose", got)
         assert {key for key, _ in got} == {"encoder/pose"}
-        assert Client(goto).ask(REQUEST, SOON) == Plan((), 1.0)
+        assert Client(goto).query(REQUEST, SOON) == Plan((), 1.0)
     news.read()
     robot.end(how)
     assert eventually(lambda: news.all == [False])

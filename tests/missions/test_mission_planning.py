@@ -96,7 +96,7 @@ def test_an_order_that_the_interface_agent_did_not_answer_is_not_done_later(
     hangs = building.mesh.node("interface")
     hangs.hang()
     with pytest.raises(AbsentError, match="no agent that takes missions answers"):
-        building.rehearsal.client.hand_over(ordered())
+        building.rehearsal.client.request_mission(ordered())
     hangs.resume()
     building.run(5.0)
     told = building.board.missions if building.board is not None else ()
@@ -105,7 +105,7 @@ def test_an_order_that_the_interface_agent_did_not_answer_is_not_done_later(
 
 def test_an_order_that_comes_twice_is_one_mission() -> None:
     building = Building()
-    replies = [building.rehearsal.client.ask(ordered(77), 20.0) for _ in range(2)]
+    replies = [building.rehearsal.client.query(ordered(77), 20.0) for _ in range(2)]
     assert replies == [MissionReply(77)] * 2
     building.run(2.0)
     assert building.board is not None
@@ -115,7 +115,7 @@ def test_an_order_that_comes_twice_is_one_mission() -> None:
 def test_what_is_withdrawn_before_it_comes_is_refused_when_it_does() -> None:
     building = Building()
     assert building.cancel(77) == "no mission 77 is under way"
-    reply = building.rehearsal.client.ask(ordered(77), 20.0)
+    reply = building.rehearsal.client.query(ordered(77), 20.0)
     assert reply == MissionReply(0, "it was withdrawn before it came")
 
 
@@ -181,7 +181,7 @@ def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
     building.taken()
     building.run(6.0)
     with pytest.raises(MissionRefusedError, match=r"mission-planning-.* has the robot driven"):
-        building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 2.0, 0.0)))
+        building.rehearsal.client.request_mission(MissionRequest(Waypoint(6.0, 2.0, 0.0)))
 
 
 def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message() -> None:
@@ -292,10 +292,10 @@ class SlowExplorer(Agent):
 
     name = "explore"
     alone = True
-    hears = (MissionStatus,)
+    receives = (MissionStatus,)
     provides = (ExploreStatus,)
     answers = (ExploreRequest,)
-    asks = (MissionRequest,)
+    queries = (MissionRequest,)
     state = ExploreState.NONE
     mission = 0
 
@@ -307,7 +307,7 @@ class SlowExplorer(Agent):
             assert reply is not None
             self.mission = reply.mission
 
-        self.ask(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
+        self.query(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
         self.number = self.rng.getrandbits(63)
         return MissionReply(self.number)
 
@@ -401,7 +401,7 @@ def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
     there = building.pose()
     building.run(3.0)
     assert building.pose().x == pytest.approx(there.x, abs=0.02)
-    building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
+    building.rehearsal.client.request_mission(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
 
 
 class Deaf(SlowExplorer):
@@ -679,7 +679,7 @@ def test_a_charge_fails_where_no_way_leads_to_a_dock() -> None:
 def test_a_charger_that_knows_no_way_leaves_the_planner_to_others() -> None:
     building = Building(battery=Battery(charge=0.02))
     number = building.taken(text(NEAR, above='energy = "risk"'), 0.1)
-    asked = len(building.heard(Planned))
+    on_query = len(building.heard(Planned))
     building.until(lambda: building.ended(number), 100.0)
     assert building.mission(number).state is MissionEnd.DONE
-    assert len(building.heard(Planned)) - asked < building.mesh.now
+    assert len(building.heard(Planned)) - on_query < building.mesh.now

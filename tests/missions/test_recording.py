@@ -17,7 +17,7 @@ from armadico.core.messages import Ack, Claim, Message, RobotState, encode
 from armadico.mobile.messages import Pose, Truth
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import HERE, kinds, rows
-from armadico.observe.watching import Heard
+from armadico.observe.watching import Received
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.recording import check, observations
 from armadico_tools.recordings import LIVE
@@ -35,7 +35,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     said = surveillance(once).said
     recording = Recording(path)
     for now, key, message in said:
-        recording.add(Heard("robot1", key, encode(message), round(now * SECOND)))
+        recording.add(Received("robot1", key, encode(message), round(now * SECOND)))
     recording.close()
     assert not recording.refused
     read = [(row.key, row.message) for row in rows(path, pytest.fail)]

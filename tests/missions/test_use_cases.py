@@ -7,7 +7,7 @@ import pytest
 from armadico.config.scenarios import Battery
 from armadico_tools.building import Building, text
 from armadico_tools.experiments import use_cases
-from armadico_tools.experiments.use_cases import CASES, Came, as_asked, as_table, come
+from armadico_tools.experiments.use_cases import CASES, Came, as_table, come, is_met
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -39,7 +39,7 @@ def test_what_is_waited_for_in_vain_is_a_fault_and_what_came_before_counts(
     monkeypatch.setitem(CASES, "1, of nothing", (case, Battery()))
     came = come(("1, of nothing", "ideal", 1))
     assert came.fault
-    assert not as_asked(came)
+    assert not is_met(came)
     assert came.demands == (("something", True), ("nothing is touched", True))
 
 

@@ -39,7 +39,7 @@ def test_the_goal_is_reached_though_a_host_is_cut_off_on_the_way(bed: Bed, secon
     Event().wait(seconds)
     bed.plug("lab", True)
     out, errors = run.communicate(timeout=2 * SOON)
-    logs = {host: bed.bed.last_words(host, 12) for host in bed.ups}
+    logs = {host: bed.bed.last_lines(host, 12) for host in bed.ups}
     assert run.returncode == 0, f"{errors}\n{logs}"
     assert json.loads(out)["reached"]
     assert all(process.poll() is None for process in bed.ups.values()), logs

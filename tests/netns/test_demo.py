@@ -57,7 +57,7 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
     with NamespaceHosts(str(scenario), LinkFaults(delay=0.002, jitter=0.001)) as hosts:
         code = demo(hosts, str(scenario), lines.append)
         out = "\n".join(lines)
-        assert code == 0, f"{out}\n{hosts.last_words()}"
+        assert code == 0, f"{out}\n{hosts.last_lines()}"
     story = [
         "goto drives",
         "lab2 is stopped",

@@ -76,7 +76,7 @@ class Bed:
         end = time.monotonic() + SOON
         seen = self.there()
         while not condition(seen):
-            logs = {host: self.bed.last_words(host, 12) for host in self.ups}
+            logs = {host: self.bed.last_lines(host, 12) for host in self.ups}
             assert time.monotonic() < end, f"{what}: {sorted(seen)}\n{logs}"
             seen = self.there()
 

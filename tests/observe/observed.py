@@ -15,7 +15,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionStatus
 from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
-from armadico.observe.watching import ASK_S
+from armadico.observe.watching import QUERY_S
 from armadico.observe.why import Chronicle
 from tests.driven import Driven
 
@@ -97,4 +97,4 @@ class Observed(Driven):
                 )
                 for _, message in answers:
                     self.chronicle.learn(message if self.worded else reworded(message), now)
-        self.mesh.call_at(now + ASK_S, lambda _a, _b: self._answer_queries())
+        self.mesh.call_at(now + QUERY_S, lambda _a, _b: self._answer_queries())

@@ -23,7 +23,7 @@ from armadico.observe.journals import Head, Journal, Pieces, stream
 from armadico.observe.recorder import McapFile, Recording
 from armadico.observe.recordings import Past, RecordingError
 from armadico.observe.virtual_recording import Recorded
-from armadico.observe.watching import Heard
+from armadico.observe.watching import Received
 
 SECOND = 1_000_000_000
 
@@ -238,7 +238,7 @@ def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     kept = Recording(path, max_bytes=1)
     for piece in pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0]):
-        kept.add(Heard("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
+        kept.add(Received("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
         kept.flush()
     kept.close()
     past = Past(path, pytest.fail)

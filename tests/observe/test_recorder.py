@@ -30,8 +30,8 @@ from armadico.observe.recorder import TRIES, Gaps, Recording, record
 from armadico.observe.recordings import RecordingError, Row, rows
 from armadico.observe.salvage import MAGIC
 from armadico.observe.watching import (
-    Heard,
     Presence,
+    Received,
     as_object,
     from_object,
     json_schema,
@@ -54,15 +54,15 @@ SECOND = 1_000_000_000
 MEMORY = 1_000_000_000
 
 
-def received(key: str, message: m.Message, at: int = 0, *, asked: bool = False) -> Heard:
-    return Heard("robot1", key, m.encode(message), at, asked)
+def received(key: str, message: m.Message, at: int = 0, *, on_query: bool = False) -> Received:
+    return Received("robot1", key, m.encode(message), at, on_query)
 
 
 def bid(number: int) -> m.BidRecord:
     return m.BidRecord(m.Cycle(1, number), "wheels", 0.5, False, (0.1, 0.2), "", ("encoder/pose",))
 
 
-def recorded(path: Path, *items: Heard | Presence, **options: Any) -> Recording:
+def recorded(path: Path, *items: Received | Presence, **options: Any) -> Recording:
     recording = Recording(path, **options)
     for item in items:
         recording.add(item)
@@ -148,8 +148,8 @@ def test_other_readers_find_schemas_and_an_index(tmp_path: Path) -> None:
 
 def test_unknown_and_invalid_payloads_are_recorded_raw(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    strange = Heard("robot1", "other/key", b"\x01\x02", 1)
-    broken = Heard("robot1", "encoder/pose", b"\xff", 2)
+    strange = Received("robot1", "other/key", b"\x01\x02", 1)
+    broken = Received("robot1", "encoder/pose", b"\xff", 2)
     recording = recorded(path, strange, broken)
     assert recording.refused == 1
     assert [(row.key, row.schema, row.data) for row in read(path)] == [
@@ -162,7 +162,7 @@ def test_repeated_tokens_and_cards_are_recorded_once(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     came = Presence("robot1", "goto", "goto-1", True, 1)
     gone = Presence("robot1", "goto", "goto-1", False, 2)
-    card = received("agent/goto/goto-1/card", CARD, 1, asked=True)
+    card = received("agent/goto/goto-1/card", CARD, 1, on_query=True)
     recorded(path, came, came, card, card, gone, gone)
     assert [(row.key, row.fields.get("there")) for row in read(path)] == [
         ("agent/goto/goto-1", True),
@@ -175,7 +175,7 @@ def test_each_bid_of_overlapping_histories_is_recorded_once(tmp_path: Path) -> N
     path = tmp_path / "run.mcap"
     key = "agent/goto/goto-1/bids"
     answers = [
-        received(key, m.BidHistory("goto-1", tuple(map(bid, numbers))), asked=True)
+        received(key, m.BidHistory("goto-1", tuple(map(bid, numbers))), on_query=True)
         for numbers in ((1, 2, 3), (2, 3, 4), (2, 3, 4), (9,))
     ]
     recorded(path, *answers)
@@ -185,7 +185,7 @@ def test_each_bid_of_overlapping_histories_is_recorded_once(tmp_path: Path) -> N
 def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     came = Presence("robot1", "goto", "goto-1", True, 1)
-    card = received("agent/goto/goto-1/card", CARD, 1, asked=True)
+    card = received("agent/goto/goto-1/card", CARD, 1, on_query=True)
     poses = [received("encoder/pose", POSE, n) for n in range(80)]
     recording = recorded(path, came, card, *poses, max_bytes=5000)
     assert recording.files >= 3
@@ -203,7 +203,7 @@ class Crowd:
     def __init__(self) -> None:
         self.count = 0
 
-    def get(self, _: float) -> Heard:
+    def get(self, _: float) -> Received:
         self.count += 1
         return received("encoder/pose", POSE, self.count)
 
@@ -358,8 +358,8 @@ def test_a_recording_is_drawn_like_the_dashboard(tmp_path: Path) -> None:
         Presence("robot1", "goto", "goto-1", True, 1),
         received("robot/state", STATE, 2),
         received("encoder/pose", POSE, 3),
-        received("agent/goto/goto-1/bids", m.BidHistory("goto-1", (bid(1),)), 4, asked=True),
-        Heard("robot1", "encoder/pose", b"broken", 5),
+        received("agent/goto/goto-1/bids", m.BidHistory("goto-1", (bid(1),)), 4, on_query=True),
+        Received("robot1", "encoder/pose", b"broken", 5),
     )
     warnings: list[str] = []
     assert to_rrd(path, out, None, None, {}, warnings.append) == 3
@@ -371,7 +371,7 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     path = tmp_path / "run.mcap"
     recorded(
-        path, received("robot/state", STATE), Heard("robot2", "robot/state", m.encode(STATE), 1)
+        path, received("robot/state", STATE), Received("robot2", "robot/state", m.encode(STATE), 1)
     )
     with pytest.raises(RecordingError, match="robot1, robot2"):
         to_rrd(path, tmp_path / "run.rrd", None, None, {}, lambda _: None)
@@ -423,14 +423,14 @@ class Lossy:
     def __init__(self) -> None:
         self._waiting = [piece(0), piece(2)]
 
-    def get(self, _: float) -> Heard | None:
+    def get(self, _: float) -> Received | None:
         return received("journal/goto-1", self._waiting.pop(0)) if self._waiting else None
 
     def subscribe(self) -> None: ...
 
     watch_alive = subscribe
 
-    def ask_for_piece(self, _n: str, _i: str, number: int, _t: float) -> None:
+    def query_piece(self, _n: str, _i: str, number: int, _t: float) -> None:
         self._waiting.append(piece(number))
 
 

@@ -205,7 +205,7 @@ def test_code_with_one_more_subscription_differs_only_in_its_card(recording: Pat
     kind = type(Life(journal).agent)
 
     class Curious(kind):  # type: ignore[misc, valid-type]
-        hears: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.hears)
+        receives: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.receives)
 
     outcome = replayed(journal, kind=Curious)
     assert outcome.difference is not None

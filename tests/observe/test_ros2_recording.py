@@ -31,7 +31,7 @@ from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
 from armadico.observe.translators import translators
-from armadico.observe.watching import Heard
+from armadico.observe.watching import Received
 from tests import real_ros
 
 from .ros2_reader import mcap_support
@@ -70,10 +70,10 @@ def recorded(path: Path, *namespaces: str, **options: Any) -> Recording:
     for number, (key, message) in enumerate(society()):
         for namespace in namespaces:
             at = BEGUN + number * SECOND // 60
-            recording.add(Heard(namespace, key, m.encode(message), at))
+            recording.add(Received(namespace, key, m.encode(message), at))
             recording.flush()
-    recording.add(Heard(namespaces[0], "other/key", b"\x01", BEGUN + SECOND))
-    recording.add(Heard(namespaces[0], "encoder/pose", b"\xff", BEGUN + SECOND))
+    recording.add(Received(namespaces[0], "other/key", b"\x01", BEGUN + SECOND))
+    recording.add(Received(namespaces[0], "encoder/pose", b"\xff", BEGUN + SECOND))
     recording.close()
     return recording
 
@@ -232,7 +232,7 @@ def test_a_recording_without_samples_becomes_a_bag(tmp_path: Path) -> None:
     path = tmp_path / "old.mcap"
     recording = Recording(path)
     for number, (key, message) in enumerate(society()):
-        recording.add(Heard("robot1", key, m.encode(message), BEGUN + number * SECOND // 60))
+        recording.add(Received("robot1", key, m.encode(message), BEGUN + number * SECOND // 60))
     recording.close()
     check(rosbags_reader(exported(path)))
 

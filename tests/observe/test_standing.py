@@ -142,7 +142,7 @@ def cause_after(*messages: Message, t: float = 0.0) -> Cause | None:
 def test_a_refused_goal_is_known_to_a_new_observer_too() -> None:
     """From the mission's note; earlier observers also have the log line."""
     society = Observed(scenario=load_scenario("rooms-a"))
-    society.mesh.ask(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
+    society.mesh.query(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
     society.let_pass(1.0)
     before = society.standing.cause
     society.chronicle = Chronicle()

@@ -74,16 +74,16 @@ def test_a_truth_without_a_name_is_ignored(is_described: bool) -> None:
 
 def test_the_robot_is_lost_as_long_as_its_pose_is_too_uncertain() -> None:
     view = View()
-    assert view.whereabouts(0.0) == ""
+    assert view.pose_text(0.0) == ""
     view.learn(Pose(m.Cycle(1, 1), 1.0, 2.0, 0.0), 0.0)
-    assert view.whereabouts(0.0) == "", "odometry alone has no covariance"
+    assert view.pose_text(0.0) == "", "odometry alone has no covariance"
     for number, wide in ((2, 0.01), (3, 1.0), (4, 2.0)):
         view.learn(Pose(m.Cycle(1, number), 1, 2, 0, (wide, 0, 0, 0, 0, 0.01)), float(number))
     assert view.lost_since == 3.0
-    assert view.whereabouts(15.2) == "LOST for 12 s, +-1.41 m"
+    assert view.pose_text(15.2) == "LOST for 12 s, +-1.41 m"
     view.learn(Pose(m.Cycle(1, 5), 1, 2, 0, (0.01, 0, 0, 0, 0, 0.01)), 16.0)
     assert view.lost_since is None
-    assert view.whereabouts(16.0) == "+-0.10 m, +-6 deg"
+    assert view.pose_text(16.0) == "+-0.10 m, +-6 deg"
 
 
 def test_confidence_is_that_of_a_fresh_correction() -> None:

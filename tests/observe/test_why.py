@@ -154,7 +154,7 @@ def heedless(society: Observed) -> None:
 
 
 def into_the_wall(society: Observed) -> None:
-    society.mesh.ask(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
+    society.mesh.query(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
 
 
 def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Observed]:

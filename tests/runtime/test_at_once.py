@@ -131,7 +131,7 @@ def test_commands_are_sent_before_the_next_agent_receives() -> None:
 
     class Following(Agent):
         name = "following"
-        hears = (Pose,)
+        receives = (Pose,)
 
         def on_pose(self, pose: Pose) -> None:
             sent.extend(key for key, _ in mesh.published)

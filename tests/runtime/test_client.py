@@ -104,7 +104,7 @@ def test_within_a_wait_messages_come_one_by_one(guest: Client, encoder: ZenohMes
 
 def test_a_message_that_is_no_query_raises(guest: Client) -> None:
     with pytest.raises(TypeError, match="encoder/pose is not a query"):
-        guest.ask(pose(1))
+        guest.query(pose(1))
 
 
 def test_without_a_society_errors_have_the_missing_agent(guest: Client) -> None:

@@ -10,7 +10,7 @@ import cbor2
 import pytest
 
 from armadico.core import messages as m
-from armadico.core.agent import INFO, WARNING, Agent, AskFor, Publish, Question
+from armadico.core.agent import INFO, WARNING, Agent, Publish, Question, SendQuery
 from armadico.core.driver import LINES, LINES_A_S, OPEN_QUERIES, REPORT_S, Announce, Driver
 from armadico.core.exchange import Bid
 from armadico.core.mailbox import EVENTS
@@ -64,7 +64,7 @@ class Watcher(Agent):
     """Keeps the poses and the states."""
 
     name = "watcher"
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose,)
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
@@ -306,7 +306,7 @@ def test_a_query_that_cannot_be_sent_has_no_reply_and_is_logged() -> None:
     answers: list[Any] = []
 
     def query() -> None:
-        watcher.ask(PlanRequest(Waypoint(float("nan"), 0, 0), Waypoint(1, 0, 0)), answers.append)
+        watcher.query(PlanRequest(Waypoint(float("nan"), 0, 0), Waypoint(1, 0, 0)), answers.append)
         mesh.receive("robot/state", state(1))
 
     play(host, query, lambda: mesh.receive("robot/state", state(2)))
@@ -401,7 +401,7 @@ def test_nothing_that_counts_is_lost_in_a_flood_of_claims() -> None:
     claim = encode(Claim("wheels", Ballot(1, 0.5, False, "a-1"), Cycle(7, 1), 0.5))
 
     def flood() -> None:
-        hand.ask(PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 0, 0)), answers.append)
+        hand.query(PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 0, 0)), answers.append)
 
     def burst() -> None:
         mesh.receive("robot/stop", Stop(3, True, "tester", 1))
@@ -579,9 +579,9 @@ def test_an_implausible_counter_is_logged_of_a_state_and_before_the_start_too() 
 
 def queried_card(driver: Driver, name: str, instance: str, now: float) -> int:
     driver.token(name, instance, True, now)
-    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
-    assert ask.key == f"agent/{name}/{instance}/card"
-    return ask.id
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    assert query.key == f"agent/{name}/{instance}/card"
+    return query.id
 
 
 def card(instance: str, protocol: int = m.PROTOCOL, **about: Any) -> Card:
@@ -607,8 +607,8 @@ def test_a_card_in_anothers_name_is_ignored() -> None:
     question = queried_card(driver, "evil", "evil-1", 1.0)
     driver.token("goto", "goto-1", True, 1.0)
     driver.drain()
-    driver.replied(question, card("goto-1", 99), 1.1)
-    driver.replied(question, card(driver.agent.instance, 99), 1.1)
+    driver.on_reply(question, card("goto-1", 99), 1.1)
+    driver.on_reply(question, card(driver.agent.instance, 99), 1.1)
     assert driver.agent.foreign == set()
     assert driver.refusal == ""
     assert not [item for item in driver.drain() if isinstance(item, Publish)]
@@ -618,7 +618,7 @@ def test_a_card_of_another_protocol_counts_for_its_instance_and_is_logged_once()
     driver = at_work()
     question = queried_card(driver, "evil", "evil-1", 5.0)
     for _ in range(3):
-        driver.replied(question, card("evil-1", 99), 5.1)
+        driver.on_reply(question, card("evil-1", 99), 5.1)
     assert driver.agent.foreign == {"evil-1"}
     sent = [item for item in driver.drain() if isinstance(item, Publish)]
     assert len(sent) == 1
@@ -627,7 +627,7 @@ def test_a_card_of_another_protocol_counts_for_its_instance_and_is_logged_once()
 def test_claims_of_an_instance_with_another_declaration_are_rejected() -> None:
     driver = at_work()
     question = queried_card(driver, "evil", "evil-1", 5.0)
-    driver.replied(question, card("evil-1", declares=("wheels(left, right)",)), 5.1)
+    driver.on_reply(question, card("evil-1", declares=("wheels(left, right)",)), 5.1)
     agent = driver.agent
     assert agent.foreign == {"evil-1"}
     agent.receive(state(1), 5.2)
@@ -688,7 +688,7 @@ class Waiting(Agent):
     """Keeps the order of its inputs, and ends its process when it is woken."""
 
     name = "waiting"
-    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Log)
+    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Log)
     end: Callable[[], None]
 
     def __init__(self, *args: Any) -> None:

@@ -23,7 +23,7 @@ class Recorder(Agent):
     """Keeps log lines, and ends its process on a line."""
 
     name = "recorder"
-    hears: ClassVar[tuple[type[Message], ...]] = (Log,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Log,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Identity) -> None:
@@ -248,8 +248,8 @@ def test_the_first_reply_counts_and_none_arrives_without_one() -> None:
     agent = Recorder(identity("recorder"))
     host, mesh = host_of(agent)
     received: list[Message | None] = []
-    agent.ask(REQUEST, received.append)
-    agent.ask(REQUEST, received.append)
+    agent.query(REQUEST, received.append)
+    agent.query(REQUEST, received.append)
 
     def reply() -> None:
         (each, done), (_, timed_out) = mesh.queries
@@ -267,7 +267,7 @@ def test_the_first_reply_counts_and_none_arrives_without_one() -> None:
 def test_an_agent_is_refused_the_truth() -> None:
     class Cheat(Agent):
         name = "cheat"
-        hears: ClassVar[tuple[type[Message], ...]] = (Truth,)
+        receives: ClassVar[tuple[type[Message], ...]] = (Truth,)
 
     with pytest.raises(ValueError, match="cheat listens to sim/truth, which agents may not"):
         Cheat(identity("cheat"))
@@ -276,7 +276,7 @@ def test_an_agent_is_refused_the_truth() -> None:
 def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
     class Failing(Agent):
         name = "failing"
-        hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+        receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 
         def on_stop(self, stop: Stop) -> None:
             self.log("half a turn")

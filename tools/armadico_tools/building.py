@@ -91,7 +91,7 @@ class Building:
         self, what: str = SURVEY, priority: float | None = None, name: str = "m"
     ) -> MissionReply:
         packed = zlib.compress(what.encode())
-        reply = self.rehearsal.client.ask(MissionOrder(name, packed, priority, "a test"), 20.0)
+        reply = self.rehearsal.client.query(MissionOrder(name, packed, priority, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
         return reply
 
@@ -103,7 +103,7 @@ class Building:
 
     def cancel(self, number: int) -> str:
         """Cancel a mission. Returns the reason of a refusal, or ""."""
-        reply = self.rehearsal.client.ask(MissionCancel(number, "a test"), 20.0)
+        reply = self.rehearsal.client.query(MissionCancel(number, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
         return reply.refusal
 

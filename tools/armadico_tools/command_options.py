@@ -64,6 +64,6 @@ def over(
     try:
         pool.over(function, tasks, args.jobs or os.cpu_count() or 1, label, counted)
     except KeyboardInterrupt:
-        options.say(f"interrupted after {count} of {len(tasks)} {label}")
+        options.report(f"interrupted after {count} of {len(tasks)} {label}")
         return False
     return True

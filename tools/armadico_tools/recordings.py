@@ -68,7 +68,7 @@ def copy(source: Path, path: Path, kept: Callable[[Row], bool], about: Mapping[s
     """Copy the messages of a recording that `kept` selects. Raises RecordingError and OSError."""
     path.unlink(missing_ok=True)
     file = McapFile(path, {PROFILE: about})
-    for row in rows(source, options.say):
+    for row in rows(source, options.report):
         if kept(row):
             file.add(row.namespace, row.key, kinds().get(row.schema), row.data, row.t)
     file.close()
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         make(SHIPPED)
         return 0
     about: dict[str, str] = {}
-    next(rows(args.live, options.say, about), None)
+    next(rows(args.live, options.report, about), None)
     copy(args.live, LIVE, lambda r: kinds().get(r.schema, JournalPiece) not in LEFT_OUT, about)
     return 0
 

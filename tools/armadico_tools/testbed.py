@@ -69,11 +69,11 @@ class Place:
         return process
 
     def start(self, host: str, name: str, words: Sequence[str]) -> subprocess.Popen[bytes]:
-        """Run `armadico WORDS`; its output is kept for `last_words` of this name."""
+        """Run `armadico WORDS`; its output is kept for `last_lines` of this name."""
         with self._log(name).open("ab") as log:
             return self.popen(host, ["armadico", *words], stdout=log, stderr=log)
 
-    def last_words(self, name: str, lines: int = 5) -> list[str]:
+    def last_lines(self, name: str, lines: int = 5) -> list[str]:
         """The last lines of the output under a name."""
         return self._log(name).read_text(errors="replace").splitlines()[-lines:]
 

@@ -180,7 +180,7 @@ class Robot:
     def _motion(self, t: float) -> dict[str, Any]:
         view, truth = self.view, self.view.truth
         found: dict[str, Any] = {
-            "heard": view.hears_robot(t),
+            "heard": view.state_is_fresh(t),
             "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
         }
         found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))

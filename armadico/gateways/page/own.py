@@ -118,7 +118,7 @@ class StopLatch(Part):
         if pressed.latching.done:
             self._close(True, "stopped, confirmed by the robot")
         elif not stop.stopped and stop.press == pressed.press:
-            self._close(False, f"released meanwhile by {stop.who}")
+            self._close(False, f"released meanwhile by {stop.requester}")
 
     def _stop(self, browser: str, number: int, t: float) -> None:
         pressed = self._pressed
@@ -141,7 +141,9 @@ class StopLatch(Part):
         if not stop.stopped:
             raise RequestError("the robot is not stopped")
         if stop.press != bits(request.press):
-            raise RequestError(f"the robot was stopped again by {stop.who}; release that stop")
+            raise RequestError(
+                f"the robot was stopped again by {stop.requester}; release that stop"
+            )
         if pressed is not None:
             self._close(False, f"released by {browser}")
         latching = Latching(stopped=False, by=browser, press=0)

@@ -19,13 +19,13 @@ from armadico.gateways.page.model import Robot, reader
 from armadico.gateways.page.part import Answer, Publish, Put, Spawn
 from armadico.gateways.page.requests import Asked, RequestError
 from armadico.mesh.base import Mesh, Receiver
-from armadico.observe.watching import ASK_S, EVERYTHING, Heard, read_or_none
+from armadico.observe.watching import EVERYTHING, QUERY_S, Received, read_or_none
 from armadico.runtime.inbox import Inbox
 
 TURN_S: Final = 0.05  # interval at which changed data are sent to browsers
 TICK_S: Final = 0.5  # interval at which the time is sent, also without changes
 
-# While a browser is connected, bids and cards are queried each ASK_S, and parameters at this
+# While a browser is connected, bids and cards are queried each QUERY_S, and parameters at this
 # interval. Changes of parameters are also published.
 TUNED_S: Final = 5.0
 CARDS_S: Final = 0.8  # timeout of these queries
@@ -98,7 +98,7 @@ class Session:
             robot.wake(now)
         self._flush()
         if now >= self._query_at:
-            self._query_at = now + ASK_S
+            self._query_at = now + QUERY_S
             for robot in self.robots.values():
                 self._query_agents(robot, now)
             if now >= self._tuned_at:
@@ -205,7 +205,7 @@ class Session:
             at = self._time.now()
 
             def deliver() -> None:
-                message = read_or_none(Heard(robot.namespace, key, data, 0))
+                message = read_or_none(Received(robot.namespace, key, data, 0))
                 robot.receive(key, message, at, is_reply=is_reply)
 
             service = service_at(key)
@@ -223,7 +223,7 @@ class Session:
         if now >= self._tuned_at:
             queries.append((service_of(ParametersRequest), ParametersRequest()))
         for service, query in queries:
-            mesh.ask(service.pattern, query, CARDS_S, receiver, lambda: None)
+            mesh.query(service.pattern, query, CARDS_S, receiver, lambda: None)
 
     def _put(self, robot: Robot, mesh: Mesh, put: Put) -> None:
         lane = f"{robot.namespace} answer {put.number}"
@@ -239,7 +239,7 @@ class Session:
         def over() -> None:
             self._inbox.put(lane, robot.on_reply, put.number, None)
 
-        mesh.ask(put.key, put.message, put.timeout, on_data, over)
+        mesh.query(put.key, put.message, put.timeout, on_data, over)
 
 
 def _answer(answer: Answer) -> dict[str, Any]:

@@ -109,7 +109,7 @@ class Health:
         if state.stalled:
             level, text = WARN, "stalled"
         if state.stop.stopped:
-            level, text = WARN, f"stopped by {state.stop.who}"
+            level, text = WARN, f"stopped by {state.stop.requester}"
         pose = self.known(Pose)
         if pose is not None and pose.deviation > LOST_M:
             level, text = ERROR, f"lost: the deviation of the pose is {pose.deviation:.1f} m"

@@ -14,9 +14,9 @@ from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.dashboard.scene import SHOWN, Scene
-from armadico.observe.watching import ASK_S, Heard, Watcher, read_or_none
+from armadico.observe.watching import QUERY_S, Received, Watcher, read_or_none
 
-ANSWER_S: Final = 0.8  # timeout of a query: less than ASK_S, so that queries do not accumulate
+ANSWER_S: Final = 0.8  # timeout of a query: less than QUERY_S, so that queries do not accumulate
 TURN_S: Final = 0.25  # interval at which the loop checks for its end and removes stale items
 WAITING: Final = 2000  # capacity of the queue of messages: about 10 s of one robot
 ALONE_S: Final = 10.0  # time without a robot after which a warning is given
@@ -48,13 +48,13 @@ class Live:
             item = self._watcher.get(TURN_S)
             at = self._watcher.clock() if item is None else item.at
             t = (at - self._began) / 1e9
-            message = read_or_none(item) if isinstance(item, Heard) else None
+            message = read_or_none(item) if isinstance(item, Received) else None
             if item is not None and message is not None:
                 self._scenes[item.namespace].update(message, t)
             now = time.monotonic()
             if now >= query_at:
-                query_at = now + ASK_S
-                self._watcher.ask_for_bids(ANSWER_S)
+                query_at = now + QUERY_S
+                self._watcher.query_bids(ANSWER_S)
             if now >= turn_at:
                 turn_at = now + TURN_S
                 if ended():

@@ -62,7 +62,7 @@ class Viewer(Program):
     def check(self) -> None:
         """Raise ViewerError with its log if it has ended: it listens before it can draw."""
         if self.ended():
-            raise _explained(self.last_words(LOG_LINES))
+            raise _explained(self.last_lines(LOG_LINES))
 
     def stop(self) -> None:
         """End it within a few seconds, gracefully if possible."""

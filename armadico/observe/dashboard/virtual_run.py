@@ -9,7 +9,7 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.dashboard.local_map import Zones
 from armadico.observe.dashboard.scene import SHOWN, Scene
 from armadico.observe.dashboard.server import finish, keep
-from armadico.observe.watching import ASK_S
+from armadico.observe.watching import QUERY_S
 
 
 class Rehearsed:
@@ -24,7 +24,7 @@ class Rehearsed:
         self._scene = Scene(self._recording, walls, namespace, zones)
         self._mesh = mesh
         mesh.watch(lambda _key, message, now: self._scene.update(message, now), *SHOWN)
-        mesh.call_at(mesh.now + ASK_S, self._query)
+        mesh.call_at(mesh.now + QUERY_S, self._query)
 
     def __enter__(self) -> Rehearsed:
         return self
@@ -38,4 +38,4 @@ class Rehearsed:
         for node in self._mesh.nodes:
             if node.alive and not node.hung:
                 self._scene.update(node.agent.history(), self._mesh.now)
-        self._mesh.call_at(self._mesh.now + ASK_S, self._query)
+        self._mesh.call_at(self._mesh.now + QUERY_S, self._query)

@@ -259,7 +259,7 @@ def test_without_browsers_no_queries_are_sent(stage: Stage) -> None:
     stage.session.on_disconnect("page 2")
     stage.run_for(1.5)
     queries: list[str] = []
-    stage.place.ask = lambda key, *_: queries.append(key)  # type: ignore[method-assign]
+    stage.place.query = lambda key, *_: queries.append(key)  # type: ignore[method-assign]
     stage.run_for(3.0)
     assert not queries
 

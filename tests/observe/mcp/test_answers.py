@@ -27,7 +27,7 @@ def driven() -> tuple[Observed, Society]:
     for tool, text in (("goto", '{"x":1,"y":0}'), ("where", "{}")):
         request = AssistantRequest(tool, text, "model")
         key = service_of(AssistantRequest).key
-        program.ask(key, request, 5.0, lambda _key, _data: None, lambda: None)
+        program.query(key, request, 5.0, lambda _key, _data: None, lambda: None)
         observed.let_pass(1.0)
     return observed, society
 

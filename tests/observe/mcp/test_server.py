@@ -31,7 +31,7 @@ class Guest:
         self.requests: list[str] = []
         self.stopped = ""
 
-    def ask(self, request: AssistantRequest, *_: object, **__: object) -> AssistantReply | None:
+    def query(self, request: AssistantRequest, *_: object, **__: object) -> AssistantReply | None:
         self.requests.append(request.tool)
         if self.busy is not None:
             assert self.busy.wait(SOON)
@@ -53,9 +53,9 @@ class SilentWatcher:
     def get(self, _: float) -> None:
         return None
 
-    def ask_for_cards(self) -> None: ...
+    def query_cards(self) -> None: ...
 
-    def ask_for_bids(self) -> None: ...
+    def query_bids(self) -> None: ...
 
     def clock(self) -> int:
         return 0

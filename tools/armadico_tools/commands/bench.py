@@ -41,7 +41,7 @@ def main(argv: Sequence[str]) -> int:
     failed: list[str] = []
     try:
         for benchmark in chosen:
-            options.say(f"measuring {benchmark.name}")
+            options.report(f"measuring {benchmark.name}")
             try:
                 figures += benchmark.measure(args.quick)
             except (RuntimeError, OSError, ValueError) as error:

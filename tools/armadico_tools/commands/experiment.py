@@ -137,10 +137,10 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     except OSError as error:
         raise FailedError(f"cannot write to {context.out}: {error.strerror}") from None
     if moved is not None:
-        options.say(f"{context.out} has other seeds, or runs of other code: renamed to {moved}")
+        options.report(f"{context.out} has other seeds, or runs of other code: renamed to {moved}")
     context.run(found, EXPERIMENTS[name].title)
     seconds = time.monotonic() - began
-    options.say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
+    options.report(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
     return {
         "experiment": name,
         "title": EXPERIMENTS[name].title,

@@ -106,7 +106,7 @@ def _show(report: Sequence[dict[str, Any]]) -> None:
         Console().print(table)
     for entry in report:
         if "refused" in entry:
-            options.say(f"{entry['log']}: {entry['refused']}")
+            options.report(f"{entry['log']}: {entry['refused']}")
 
 
 def _read(path: Path) -> Log:
@@ -126,4 +126,4 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
-    options.say(f"log: {path}")
+    options.report(f"log: {path}")

@@ -214,7 +214,7 @@ class Band:
         def on_reply(reply: Message | None) -> None:
             self.reply = reply if isinstance(reply, FleetReply) else None
 
-        self.mesh.ask(FleetRequest(self.tasks), on_reply, namespace=name)
+        self.mesh.query(FleetRequest(self.tasks), on_reply, namespace=name)
 
     def run(self, seconds: float) -> bool:
         """Run until all that are connected know that all is done. Returns whether they do."""

@@ -23,7 +23,7 @@ import msgspec
 from msgspec import Struct
 
 from armadico.cli import pool
-from armadico.cli.options import say
+from armadico.cli.options import report
 from armadico.observe.conditions import Software, software, source_hash
 from armadico_tools.experiments import FIRST_SEED, RUNS
 from armadico_tools.experiments.driving import (
@@ -188,7 +188,7 @@ class Context:
     def again(self, names: Iterable[str]) -> Iterator[Drive]:
         """Repeat the first seed of some cells, for figures."""
         for name in names:
-            say(f"{self.out.name}: {name} is repeated for its figure")
+            report(f"{self.out.name}: {name} is repeated for its figure")
             yield Drive(self.cells[name], self.first_seed).go()
 
     def rows(self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -212,7 +212,7 @@ class Watchman:
         text = text_of(rooms, self._rng.choice(PRIORITIES))
         order = MissionOrder("photos", zlib.compress(text.encode()), None, "the day")
         try:
-            reply = self.rehearsal.client.hand_over(order, find=5.0, again=0.0)
+            reply = self.rehearsal.client.request_mission(order, find=5.0, again=0.0)
         except SocietyError as error:
             self.counts["refused"] += 1
             self.why.append(f"refused: {error}")

@@ -131,7 +131,7 @@ def come(task: tuple[str, str, int]) -> Came:
     return Came(name, sensors, seed, took, tuple(demands), fault)
 
 
-def as_asked(came: Came) -> bool:
+def is_met(came: Came) -> bool:
     """Whether all requirements were met."""
     return not came.fault and all(so for _, so in came.demands)
 
@@ -161,7 +161,7 @@ def _count(arm: list[Came], what: str) -> str:
 
 
 def _whole(arm: list[Came]) -> str:
-    good = [one.took_s for one in arm if as_asked(one)]
+    good = [one.took_s for one in arm if is_met(one)]
     took = f", {median(good):.0f} s" if good else ""
     return f"**{len(good)} of {len(arm)}**{took}"
 
@@ -172,7 +172,7 @@ def _tasks(context: Context) -> list[tuple[str, str, int]]:
 
 def _report(context: Context) -> str:
     found = context.found["runs"]
-    context.summary = {"runs": len(found), "as asked": sum(map(as_asked, found))}
+    context.summary = {"runs": len(found), "as asked": sum(map(is_met, found))}
     return as_table(found)
 
 

@@ -103,7 +103,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     from armadico_tools.faults.recording import check
 
     try:
-        checker = check(path, namespace, options.say)
+        checker = check(path, namespace, options.report)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -159,7 +159,7 @@ def run_trials(args: argparse.Namespace) -> int:
         _keep(ledger, outcome)
         text = ", ".join(f"{name} {value:g}" for name, value in outcome.figures.items())
         made = len(summary.figures.get(outcome.kind, ()))
-        options.say(f"{outcome.kind} {made}/{count}: {text}")
+        options.report(f"{outcome.kind} {made}/{count}: {text}")
 
     try:
         with place_for(chosen, table, seed) as place:
@@ -175,11 +175,11 @@ def run_trials(args: argparse.Namespace) -> int:
                     record=args.record,
                 )
                 for why in failed:
-                    options.say(f"{trial.name}: FAILED: {why}")
+                    options.report(f"{trial.name}: FAILED: {why}")
                 if failed:
                     summary.failed[trial.name] = failed
     except KeyboardInterrupt:
-        options.say(f"interrupted; results so far are in {ledger.path}")
+        options.report(f"interrupted; results so far are in {ledger.path}")
         return options.INTERRUPTED
     lines = series.lines(summary, chosen)
     _show_trials(summary, lines, as_json=args.json)
@@ -198,7 +198,7 @@ def _chosen(names: Sequence[str]) -> list[Trial]:
     if names or not able:
         can = ", ".join(name for name, trial in TRIALS.items() if not trial.hosts)
         raise FailedError(f"{left_out}: {trouble}. Possible without hosts: {can}")
-    options.say(f"left out: {left_out}: {trouble}")
+    options.report(f"left out: {left_out}: {trouble}")
     return able
 
 
@@ -225,7 +225,7 @@ def _commands(summary: Summary) -> list[str]:
         if promise in shrunk or len(shrunk) >= SHRUNK:
             continue
         shrunk.add(promise)
-        options.say(f"seed {outcome.case.seed} broke {promise}: shrinking")
+        options.report(f"seed {outcome.case.seed} broke {promise}: shrinking")
         try:
             with pool.progress("runs, at most", shrink.TRIES) as step:
                 case, _ = series.smallest(outcome, shrink.TRIES, step)

@@ -235,7 +235,7 @@ class RealSociety:
 
         def new() -> list[str]:
             if agent.process is not None and agent.process.poll() is not None:
-                words = "\n".join(self.place.last_words(agent.label))
+                words = "\n".join(self.place.last_lines(agent.label))
                 raise TrialError(f"{agent.label} ended:\n{words}")
             return [one for one in self.record.instances(agent.name) if one not in before]
 
@@ -257,7 +257,7 @@ class RealSociety:
         self._sent_at = now
         goal = self._goals[0]
         self._goals.rotate(-1)
-        self._mesh.ask(
+        self._mesh.query(
             service_of(MissionRequest).key,
             MissionRequest(goal, planned=planned(self._scenario)),
             MISSION_S,
@@ -338,7 +338,7 @@ class RealSociety:
         if now - self._queried_at >= QUERY_S:
             self._queried_at = now
             key = BIDS.key_for(name="*", instance="*")
-            self._mesh.ask(key, Ask(), 0.5, self._arrived, lambda: None)
+            self._mesh.query(key, Ask(), 0.5, self._arrived, lambda: None)
 
     def _crossed(self, data: bytes, at: float) -> None:
         for order in self._orders.feed(data, at):

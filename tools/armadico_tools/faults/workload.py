@@ -250,7 +250,7 @@ class Workload:
                 return  # a restarted agent has a while to receive it
             self.again += 1
         self._requested = True
-        self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
+        self.mesh.query(self._ends[self._heading_for], self._answered, timeout=5.0)
 
     def _answered(self, reply: Message | None) -> None:
         self._requested = False
