@@ -142,6 +142,7 @@ def test_with_little_left_it_charges_and_the_mission_ends_afterwards() -> None:
     assert society.least_volts > 10.2
 
 
+@pytest.mark.long
 def test_with_plenty_left_nobody_hears_of_it() -> None:
     society = Society(0.9, capacity_ah=21.0)
     society.sender.goals = [E]
@@ -149,6 +150,7 @@ def test_with_plenty_left_nobody_hears_of_it() -> None:
     assert {state for _, state in society.states} == {ChargeState.NONE}
 
 
+@pytest.mark.long(but=("house-31",))
 @pytest.mark.parametrize(("world", "seed"), [("house", 31), ("floor", 33)])
 def test_by_sonars_and_localization_it_docks_within_a_few_centimetres(
     world: str, seed: int
@@ -188,6 +190,7 @@ def test_lined_up_it_does_not_let_go_of_the_trajectory() -> None:
     assert charger.bid_for(TRAJECTORY, None).action == bid.action
 
 
+@pytest.mark.long
 def test_below_10_4_volts_it_goes_before_every_mission() -> None:
     society = Society(0.12, capacity_ah=5.0, start=(E.x, E.y, E.theta))
     society.sender.utility = 0.9
@@ -197,6 +200,7 @@ def test_below_10_4_volts_it_goes_before_every_mission() -> None:
     assert society.sender.errand.under_way
 
 
+@pytest.mark.long
 def test_with_half_left_it_charges_only_when_nobody_else_wants_to_drive() -> None:
     society = Society(0.45, capacity_ah=21.0)
     society.run(2.0)
@@ -207,6 +211,7 @@ def test_with_half_left_it_charges_only_when_nobody_else_wants_to_drive() -> Non
     assert ChargeState.DOCKING not in {state for _, state in busy.states}
 
 
+@pytest.mark.long(but=("battery-sensor-charging",))
 @pytest.mark.parametrize(
     ("name", "when"),
     [
@@ -225,6 +230,7 @@ def test_whoever_dies_on_the_way_into_the_dock_it_is_charged(name: str, when: Ch
     assert society.truth.collisions == 0
 
 
+@pytest.mark.long
 def test_a_charger_that_dies_while_it_backs_out_leaves_a_robot_that_drives_on() -> None:
     x, y, theta = load_world("house").docks["dock"]
     society = Society(0.7, capacity_ah=2.0, start=(x, y, theta))
@@ -246,6 +252,7 @@ def test_a_silent_battery_sensor_is_told_of_and_the_voltage_itself_goes() -> Non
     assert any("no battery/level" in text for text in society.logs)
 
 
+@pytest.mark.long
 def test_a_dock_without_power_is_tried_beside_and_then_left() -> None:
     society = Society(0.4, capacity_ah=5.0)
     society.rehearsal.robot.plant.battery._docks = ()

@@ -113,6 +113,7 @@ def test_one_who_wants_the_robot_somewhere_has_it_planned_and_driven() -> None:
     assert (pose.x, pose.y) == pytest.approx((NEAR.x, NEAR.y), abs=0.15)
 
 
+@pytest.mark.long
 def test_who_wants_it_more_takes_it_and_the_loser_goes_on_afterwards() -> None:
     society = Society()
     society.sender.goal = FAR

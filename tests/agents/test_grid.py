@@ -158,6 +158,7 @@ def test_a_line_that_a_few_samples_find_blocked_has_no_finite_cost(data: st.Data
         assert open_ or not math.isfinite(grid.cost_between(costs, places[0], there))
 
 
+@pytest.mark.long
 @settings(max_examples=50)
 @given(st.lists(segments, min_size=1, max_size=4), spots, spots)
 def test_the_clearance_of_a_way_is_the_least_over_its_places(
@@ -209,6 +210,7 @@ def test_without_walls_there_is_endless_room() -> None:
     assert (grid.costs(Margins(0.3)) == 1.0).all()
 
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(st.lists(segments, min_size=1, max_size=4))
 def test_between_free_neighbours_the_radius_is_kept(

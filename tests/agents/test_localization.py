@@ -594,6 +594,7 @@ def placed(correction: Correction, odometry: Pose2) -> Pose2:
     return compose((correction.x, correction.y, correction.theta), odometry)
 
 
+@pytest.mark.long
 def test_it_estimates_the_odometrys_origin_by_the_map(world: str) -> None:
     robot = Robot(Parameters(world=world))
     begin = relative((0.0, 0.0, 0.0), START)
@@ -668,6 +669,7 @@ def test_twice_a_second_some_particles_are_published_about_where_it_is(world: st
     assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
 
 
+@pytest.mark.long
 def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     confidences = []
@@ -728,6 +730,7 @@ def found(robot: Robot, cycles: int) -> list[float]:
     return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in published if one.confidence]
 
 
+@pytest.mark.long
 def test_a_place_just_found_limits_the_speed(world: str) -> None:
     unsure = found(Robot(Parameters(world=world, start="anywhere")), 350)
     assert unsure[0] >= Parameters().unproved_m
@@ -735,6 +738,7 @@ def test_a_place_just_found_limits_the_speed(world: str) -> None:
     assert unsure[-1] < UNSURE_M
 
 
+@pytest.mark.long
 def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -755,6 +759,7 @@ def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     )
 
 
+@pytest.mark.long
 def test_a_person_before_half_of_the_sonars_does_not_make_it_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for number, (pose, motion) in enumerate(drive(START, 300)):
@@ -824,6 +829,7 @@ def other(odds: float, fit: float) -> Alternative:
     return Alternative((1.0, 1.5, 2.0), odds, 3, fit, 0.3, odds)
 
 
+@pytest.mark.long(but=("3.0-0.6-False",))
 @pytest.mark.parametrize(
     ("odds", "fit", "lost"),
     [(SURE, 0.6, True), (SURE, 0.46, True), (SURE, 0.35, False), (3.0, 0.6, False)],
@@ -838,6 +844,7 @@ def test_another_place_that_fits_much_better_in_search_after_search_makes_it_los
     assert all(slow(one) for one in published if one.elsewhere)
 
 
+@pytest.mark.long
 def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -849,6 +856,7 @@ def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
     assert sum(a.elsewhere < b.elsewhere for a, b in pairwise(published)) == 2
 
 
+@pytest.mark.long(but=("False",))
 @pytest.mark.parametrize("goes_along", [True, False])
 def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
     world: str, monkeypatch: pytest.MonkeyPatch, goes_along: bool
@@ -865,6 +873,7 @@ def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
     assert lost_in(carried(robot, 130, (0.04, 0.0, 0.06))) == goes_along
 
 
+@pytest.mark.long
 def test_verdicts_of_before_the_robot_was_found_do_not_count(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -877,6 +886,7 @@ def test_verdicts_of_before_the_robot_was_found_do_not_count(
     assert not lost_in(carried(robot, 80, (0.02, 0.0, 0.0)))
 
 
+@pytest.mark.long(but=("0.7-False",))
 @pytest.mark.parametrize(("fit", "lost"), [(0.9, True), (0.7, False)])
 def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     world: str, monkeypatch: pytest.MonkeyPatch, fit: float, lost: bool
@@ -888,6 +898,7 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
 
 
+@pytest.mark.long
 def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -923,6 +934,7 @@ def test_it_is_suspicious_until_no_reading_favours_another_place(
     assert not doubts[-1]
 
 
+@pytest.mark.long
 def test_suspicion_is_published_until_the_robot_is_found(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -958,6 +970,7 @@ def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
         assert bool(refused) != room
 
 
+@pytest.mark.long
 def test_wheels_worse_than_in_the_profile_are_reported(world: str) -> None:
     for drift, worn in ((0.02, False), (0.2, True)):
         robot = Robot(Parameters(world=world), seed=0)
@@ -1223,6 +1236,7 @@ def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
     assert np.isfinite(particles.weights).all()
 
 
+@pytest.mark.long
 def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_path: Path) -> None:
     path = tmp_path / "other.map"
     path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")

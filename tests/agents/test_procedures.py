@@ -435,6 +435,7 @@ def drive(
     return course, on_query
 
 
+@pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(turns())
 def test_who_goes_on_from_the_published_state_goes_the_same_way(all_of_them: list[Turn]) -> None:
@@ -478,6 +479,7 @@ COURSE = st.builds(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=200, deadline=None)
 @given(COURSE, st.sampled_from(list(Reach)), STEPS)
 def test_no_state_that_anybody_can_say_raises(

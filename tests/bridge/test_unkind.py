@@ -37,6 +37,7 @@ def agree(pose: Pose | None, truth: Truth | None) -> bool:
 SEEN = (Description, Pose, Truth)  # the truth counts by the description of its robot
 
 
+@pytest.mark.long(but=("house",))
 @pytest.mark.parametrize("name", ["sc2", "sc4", "house"])
 def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Three of nine; live, all were driven by hand (docs/controller.md)."""
@@ -52,6 +53,7 @@ def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str)
     assert agree(view.pose, view.truth)
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_live_it_does_so_over_tcp_and_over_a_serial_line_at_once(tmp_path: Path) -> None:
     lines = {

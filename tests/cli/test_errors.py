@@ -87,6 +87,7 @@ def test_so_is_one_that_nothing_can_draw(
     assert "matplotlib is missing" in capsys.readouterr().err
 
 
+@pytest.mark.long(but=("--record-run.mcap",))
 @pytest.mark.parametrize(("option", "file"), [("--record", "run.mcap"), ("--rrd", "run.rrd")])
 def test_a_recording_that_does_not_fit_costs_no_measures(
     tmp_path: Path, option: str, file: str
@@ -151,6 +152,7 @@ def test_a_society_stays_up_when_that_it_is_up_cannot_be_written(
         up._ready("lab1", "robot, goto")(1.0)
 
 
+@pytest.mark.long(but=(">&- 2>&- <&-",))
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
 def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
     tmp_path: Path, closed: str

@@ -59,6 +59,7 @@ def test_a_case_that_is_none_is_refused(given: str, why: str) -> None:
         faults.main(["--repeat", given])
 
 
+@pytest.mark.long
 def test_seeds_are_counted_with_the_commit_and_the_next_call_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -141,6 +142,7 @@ def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
     assert "No space left on device" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.long
 def test_contacts_and_what_happened_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,6 +167,7 @@ def test_contacts_and_what_happened_are_told(
     assert {*said["sights"]} == {sight.name for sight in Sight}
 
 
+@pytest.mark.long
 def test_a_campaign_in_which_a_situation_never_came_to_pass_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

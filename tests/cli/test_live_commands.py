@@ -94,6 +94,7 @@ def router(environment: dict[str, str]) -> Iterator[ZenohMesh]:
         yield mesh
 
 
+@pytest.mark.long
 def test_ps_shows_who_is_there_and_marks_who_does_not_answer(
     run: Run, start: Start, router: ZenohMesh
 ) -> None:
@@ -111,6 +112,7 @@ def test_ps_shows_who_is_there_and_marks_who_does_not_answer(
     assert [row["answering"] for row in rows] in ([False], [])
 
 
+@pytest.mark.long(but=("2",))
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_an_agent_whose_imports_start_threads_leaves_in_order(
     run: Run, start: Start, router: ZenohMesh, ending: signal.Signals
@@ -142,6 +144,7 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
         assert says in done.stdout
 
 
+@pytest.mark.long
 def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
     run: Run, environment: dict[str, str], robot: None
 ) -> None:
@@ -222,6 +225,7 @@ def test_a_stop_that_is_sent_and_never_acknowledged_is_not_said_to_be_done(
     assert heard[0].press > 0
 
 
+@pytest.mark.long(but=("at the largest counter",))
 @pytest.mark.parametrize(
     ("says", "code", "told"),
     [
@@ -252,6 +256,7 @@ def test_stopped_is_said_if_the_robot_agent_goes_on_saying_so(
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long(but=("words1-2-is beyond 1e+06 m",))
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
@@ -298,6 +303,7 @@ def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run, router: Zen
     assert "no agent that takes missions" in done.stderr
 
 
+@pytest.mark.long
 def test_a_mission_that_is_refused_says_why(run: Run, start: Start, router: ZenohMesh) -> None:
     start("interface", program="armadico-agent")
     who(run, "interface")
@@ -344,6 +350,7 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
 # By hand ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_terminal_that_is_killed_leaves_a_robot_that_stands(
     environment: dict[str, str], start: Start, robot: None
 ) -> None:

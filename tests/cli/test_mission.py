@@ -87,6 +87,7 @@ def test_those_that_are_shipped_are_listed() -> None:
 WRONG = BRIEF.replace('"wait", seconds = 1', '"move", to = "R111"')
 
 
+@pytest.mark.long
 def test_where_no_agent_has_missions_that_is_said() -> None:
     with ZenohMesh("mission-test", topology(router=True)):
         for words in (("status",), ("log",), ("log", "m"), ("cancel", "m"), ("cancel", "--all")):

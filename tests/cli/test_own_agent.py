@@ -129,6 +129,7 @@ def test_so_is_one_that_cannot_even_begin(package: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_in_a_virtual_run_too_a_bid_that_is_not_sound_is_told_with_whose_it_is(run: Run) -> None:
     done = run("unsound", words=("--virtual",))
     assert done.returncode == 0, "goto drives, whatever that one bids"
@@ -138,6 +139,7 @@ def test_in_a_virtual_run_too_a_bid_that_is_not_sound_is_told_with_whose_it_is(r
     assert "its bid is invalid: expected a Bid, not tuple" in done.stderr
 
 
+@pytest.mark.long(but=("short-propose() takes 2 positional arguments but 3 were given",))
 @pytest.mark.parametrize(
     ("name", "says"),
     [
@@ -162,11 +164,13 @@ def test_what_our_own_lines_stumble_over_is_told_with_its_class(
         assert started is None or (says in started.stderr and "Traceback" not in started.stderr)
 
 
+@pytest.mark.long
 def test_a_series_tells_it_once(run: Run) -> None:
     done = run("unsound", words=("--virtual", "--runs", "2"))
     assert done.stderr.count("its bid is invalid") == 1, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -> None:
     words = ("--namespace", f"own-{os.getpid()}")
@@ -183,6 +187,7 @@ def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -
     assert "a cycle is 0.1 s" in slow
 
 
+@pytest.mark.long(but=("spelling-own_spelling.py, line 2)",))
 @pytest.mark.parametrize(
     ("name", "says"),
     [

@@ -75,6 +75,7 @@ def read(link: str) -> bytes:
         return bytes(answer.read())
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
     with starter() as start:

@@ -89,6 +89,7 @@ def test_a_picture_that_cannot_be_written_is_said_before_the_robot_moves(
     assert f"cannot write the picture {path}" in errors
 
 
+@pytest.mark.long
 def test_a_picture_goes_to_a_folder_and_nothing_is_left_of_a_run_that_failed(
     capsys: Captured,
 ) -> None:
@@ -111,6 +112,7 @@ def test_the_same_seed_says_the_same_bytes_and_another_one_others(capsys: Captur
     assert other[1].replace('"seed": 8', '"seed": 7') != first[1]
 
 
+@pytest.mark.long
 def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
     small = run(capsys, *SMALL_ROBOT, "--profile", "amigobot")
     same = run(capsys, *SMALL_ROBOT, "--profile", str(resource_path("robots", "amigobot")))
@@ -120,6 +122,7 @@ def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
     assert {code for code, _, _ in (small, same, pioneer)} == {0}
 
 
+@pytest.mark.long
 def test_several_runs_have_a_mean_and_a_deviation(
     capsys: Captured,
 ) -> None:
@@ -137,6 +140,7 @@ def test_several_runs_have_a_mean_and_a_deviation(
     assert json.loads(one) == rows[1], "a run knows nothing of the one before it"
 
 
+@pytest.mark.long
 def test_workers_change_no_run_and_no_order(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,6 +151,7 @@ def test_workers_change_no_run_and_no_order(
     assert run(capsys, *words)[:2] == alone[:2]
 
 
+@pytest.mark.long
 def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     capsys: Captured,
 ) -> None:
@@ -181,6 +186,7 @@ def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(
     assert "NOT reached: time limit of 2 s" in out
 
 
+@pytest.mark.long
 def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -> None:
     words = ("sc4", "--virtual", "--seed", "1000", "--no-plot", "--json", "--for", "70")
     code, out, _ = run(capsys, *words)
@@ -192,6 +198,7 @@ def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -
     assert (lost, json.loads(out)["reached"]) == (1, False)
 
 
+@pytest.mark.long(but=("words0",))
 @pytest.mark.parametrize("words", [("alone.toml",), (), ("shut-in.map", "--start", "1", "1", "0")])
 def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     capsys: Captured, words: tuple[str, ...]
@@ -204,6 +211,7 @@ def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     assert Path("it.png").exists()
 
 
+@pytest.mark.long
 def test_a_ros_map_is_a_world(capsys: Captured) -> None:
     Path("hall.yaml").write_text("image: hall.pgm\nresolution: 1.0\norigin: [-2, -1, 0.0]\n")
     Path("hall.pgm").write_bytes(b"P5 5 3 255\n" + b"\x00" * 5 + b"\xff" * 5 + b"\x00" * 5)
@@ -265,6 +273,7 @@ def test_a_serial_port_that_is_not_there_is_said_at_once(apart: None, capsys: Ca
     assert not out
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:
     url = "tcp://127.0.0.1:1"
@@ -276,6 +285,7 @@ def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:
     assert not done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_robot_of_another_type_than_the_profile_ends_the_run_with_the_profile_to_use(
     apart: None,

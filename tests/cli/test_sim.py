@@ -391,6 +391,7 @@ def test_the_command_says_where_it_listens_and_answers_there() -> None:
             process.kill()
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_the_truth_is_published_once_there_is_a_robot_and_two_simulators_are_named() -> None:
     """A simulator does without a mesh until then."""

@@ -172,6 +172,7 @@ def grown(path: Path, size: int) -> None:
         pause.wait(0.02)
 
 
+@pytest.mark.long
 def test_a_recording_has_everything_and_ctrl_c_closes_it(
     run: Run, environment: dict[str, str], society: Society, tmp_path: Path
 ) -> None:
@@ -314,6 +315,7 @@ def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society
     assert b"goto-00000000" in on_a_terminal(environment, b"goto-00000000")
 
 
+@pytest.mark.long
 def test_graph_draws_agents_and_keys(run: Run, society: Society) -> None:
     assert "resource/wheels/utility  goto -> -" in run("graph").stdout
     assert '"goto" -> "robot/cmd/*";' in run("graph", "--dot").stdout
@@ -324,6 +326,7 @@ def test_graph_draws_agents_and_keys(run: Run, society: Society) -> None:
     assert "encoder/pose" in found
 
 
+@pytest.mark.long
 def test_logs_follows_one_agent(run: Run, society: Society) -> None:
     done = run("logs", "-f", "goto", "--timeout", "2", "--level", "warning")
     assert "goto WARNING a wall is near" in done.stdout
@@ -471,6 +474,7 @@ class Hostile:
             self._mesh.publish(f"a/key/{CLEAR}", Log(40, "x"))
 
 
+@pytest.mark.long(but=("command7-a/key/",))
 @pytest.mark.parametrize(
     ("command", "shows"),
     [
@@ -547,6 +551,7 @@ ABSENT = {
 """Commands that are soon done, and what is missing where there is a router and no agent."""
 
 
+@pytest.mark.long(but=("command0",))
 @pytest.mark.parametrize("command", ABSENT)
 def test_an_agent_that_is_missing_is_named(
     run: Run, router: ZenohMesh, command: tuple[str, ...]
@@ -572,6 +577,7 @@ ONCE = (
 """Commands that are soon done."""
 
 
+@pytest.mark.long(but=("command0",))
 @pytest.mark.parametrize("command", ONCE)
 def test_without_a_robot_agent_one_line_says_so(run: Run, command: tuple[str, ...]) -> None:
     done = run(*command)
@@ -627,6 +633,7 @@ def hung() -> Iterator[Path]:
     path.unlink()
 
 
+@pytest.mark.long(but=("command1",))
 @pytest.mark.parametrize("command", [("ps",), ("graph",), ("stop", "--timeout", "0.3")])
 def test_a_robot_agent_that_hangs_is_not_waited_for_forever(
     run: Run, hung: Path, command: tuple[str, ...]

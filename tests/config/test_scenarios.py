@@ -81,6 +81,7 @@ def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents(
         with_sensors(sc1, "rael")
 
 
+@pytest.mark.long(but=("sc3",))
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) -> None:
     scenario = load_scenario(name)

@@ -176,6 +176,7 @@ PLAIN = st.recursive(
 )
 
 
+@pytest.mark.long
 @given(plain=PLAIN)
 def test_cbor_takes_at_most_twice_the_bytes_of_message_pack(plain: Any) -> None:
     """By this `checked` finds that a message is small enough without encoding it as CBOR."""

@@ -68,6 +68,7 @@ def test_wanted_speeds_are_limited_to_the_robots() -> None:
     assert limited(9.0, -9.0)[:2] == (PIONEER.v_max, -PIONEER.w_max)
 
 
+@pytest.mark.long
 @settings(max_examples=150)
 @given(worlds, speeds, WHOLE, st.sampled_from([0.0, 0.12]))
 def test_a_robot_that_can_still_stop_gets_no_speeds_that_touch(

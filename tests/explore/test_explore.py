@@ -18,6 +18,7 @@ from armadico_tools.explore.search import Limits, Search, explore
 from armadico_tools.explore.world import KINDS, Setup, World
 
 
+@pytest.mark.long(but=("setup2",))
 @pytest.mark.parametrize(
     "setup",
     [

@@ -156,6 +156,7 @@ def test_a_bug_is_found_and_its_run_repeats(
     assert replay(found.run) == []
 
 
+@pytest.mark.long(but=("NoSilence-setup1",))
 @pytest.mark.parametrize(
     ("contender", "setup"),
     [
@@ -199,6 +200,7 @@ def goes_on_unobeyed(monkeypatch: pytest.MonkeyPatch) -> None:
     transitions(monkeypatch, State.HOLDING, Event.NOT_OBEYED, None)
 
 
+@pytest.mark.long(but=("takes_over_from_the_unobeyed_never-setup2",))
 @pytest.mark.parametrize(
     ("plant", "setup"),
     [

@@ -90,6 +90,7 @@ class Hostile:
             self.place.publish(service_of(Stop).key, release)
 
 
+@pytest.mark.long(but=("702",))
 @pytest.mark.parametrize("seed", [702])
 def test_a_program_that_queries_everything_breaks_no_promise(seed: int) -> None:
     workload = Workload(case_of(seed, SECONDS))

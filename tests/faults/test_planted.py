@@ -385,6 +385,7 @@ def promises(outcome: Outcome) -> set[str]:
     return {name for name, _, _ in outcome.violations}
 
 
+@pytest.mark.long(but=("measures_turns_the_wrong_way",))
 @pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.plant.__name__)
 def test_it_is_caught_and_without_it_nothing_is_broken(
     bug: Bug, monkeypatch: pytest.MonkeyPatch
@@ -404,6 +405,7 @@ def test_every_promise_has_a_bug_that_breaks_it() -> None:
     assert {bug.breaks for bug in BUGS} == {*Promise}
 
 
+@pytest.mark.long
 def test_what_a_bug_breaks_is_shrunk_to_the_faults_that_matter(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

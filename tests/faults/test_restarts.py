@@ -13,6 +13,7 @@ from armadico_tools.faults.workload import Workload
 from tests.faults.test_planted import promises
 
 
+@pytest.mark.long(but=("localization robot encoder",))
 @pytest.mark.parametrize("order", [*permutations(PLACERS)], ids=" ".join)
 def test_restarted_in_any_order_the_pose_is_right_or_reported_lost(order: tuple[str, ...]) -> None:
     turns = tuple(Fault("in-turn", at, 5.0, order) for at in (6.0, 14.0))

@@ -27,6 +27,7 @@ def outcome(once: Once, seed: int) -> Outcome:
     return once(f"faults-{seed}", Task(seed, SECONDS).run)
 
 
+@pytest.mark.long(but=("240",))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_every_promise_is_kept_under_faults(seed: int, once: Once) -> None:
     found = outcome(once, seed)

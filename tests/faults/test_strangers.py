@@ -79,6 +79,7 @@ def test_a_state_far_ahead_is_accepted_while_the_robot_agent_hangs_and_left_agai
     assert outcome.violations == ()
 
 
+@pytest.mark.long
 def test_states_climb_for_as_long_as_it_lasts() -> None:
     spied = Spied(Fault("stray-state", 6.0, 2.0, ALL, (), 2.0), lasts=16.0)
     outcome = spied.run()
@@ -88,6 +89,7 @@ def test_states_climb_for_as_long_as_it_lasts() -> None:
     assert outcome.violations == ()
 
 
+@pytest.mark.long(but=("1.0-Origin-2",))
 @pytest.mark.parametrize("far", range(len(BEYOND)))
 @pytest.mark.parametrize(("which", "kind"), [(0.0, Trajectory), (1.0, Origin)])
 def test_a_latched_state_with_a_huge_counter_arrives_also_later(
@@ -106,6 +108,7 @@ def test_a_latched_state_with_a_huge_counter_arrives_also_later(
     assert outcome.violations == ()
 
 
+@pytest.mark.long(but=("0.005-huge-term-1.0",))
 @pytest.mark.parametrize(("kind", "which"), [("huge-term", 1.0), ("flood", 0.0)])
 @pytest.mark.parametrize("each", [0.005, 0.0149])
 def test_a_flood_delays_no_stop_where_each_message_takes_long(
@@ -116,6 +119,7 @@ def test_a_flood_delays_no_stop_where_each_message_takes_long(
     assert outcome.violations == ()
 
 
+@pytest.mark.long(but=("0.0-1",))
 @pytest.mark.parametrize(("which", "claims"), [(0.0, 1), (1.0, RATCHET)])
 def test_claims_with_huge_terms_arrive(which: float, claims: int) -> None:
     spied = Spied(Fault("huge-term", 6.0, 1.0, ALL, (), which), lasts=8.0)
@@ -127,6 +131,7 @@ def test_claims_with_huge_terms_arrive(which: float, claims: int) -> None:
         assert (terms[-1] == LARGEST_COUNT) is (claims == 1)
 
 
+@pytest.mark.long
 def test_a_flood_arrives_and_moves_nothing() -> None:
     spied = Spied(Fault("flood", 6.0, 1.0, ALL))
     outcome = spied.run()
@@ -135,6 +140,7 @@ def test_a_flood_arrives_and_moves_nothing() -> None:
     assert outcome.violations == ()
 
 
+@pytest.mark.long(but=("2.0-0",))
 @pytest.mark.parametrize(("which", "received"), [(0.0, 1), (1.0, 0), (2.0, 0)])
 def test_a_huge_message_is_read_or_refused_and_the_robot_drives_on(
     which: float, received: int
@@ -148,6 +154,7 @@ def test_a_huge_message_is_read_or_refused_and_the_robot_drives_on(
     assert outcome.violations == ()
 
 
+@pytest.mark.long(but=("0.0-counters0",))
 @pytest.mark.parametrize(
     ("which", "counters"),
     [
@@ -169,6 +176,7 @@ def test_a_stop_and_its_release_have_these_counters(which: float, counters: list
     assert not mine[-1].stopped
 
 
+@pytest.mark.long
 def test_a_second_robot_agent_is_refused() -> None:
     spied = Spied(Fault("two-robot-agents", 6.0, 3.0, ("robot",)))
     outcome = spied.run()
@@ -178,6 +186,7 @@ def test_a_second_robot_agent_is_refused() -> None:
     assert len(epochs) == 1
 
 
+@pytest.mark.long
 def test_a_second_robot_agent_is_there_for_a_while_and_is_not_taken_for_the_first() -> None:
     spied = Spied(Fault("two-robot-agents", 6.0, 3.0, ("robot",), (), 1.0))
     spied.run()
@@ -210,6 +219,7 @@ def test_the_agents_that_know_the_pose_restart_one_after_the_other() -> None:
     assert there == [all_there, (0, 1, 1), all_there, (1, 0, 1), all_there, (1, 1, 0), all_there]
 
 
+@pytest.mark.long
 def test_the_workload_mends_nothing_on_the_quiet() -> None:
     """A lost pose stays lost, unless the society finds it again."""
     lost = Fault("robot-restart", 8.0, 0.8, ("robot",))
@@ -230,6 +240,7 @@ def test_the_workload_mends_nothing_on_the_quiet() -> None:
     assert sum(step > 0.1 for step in steps) <= 1  # at the restart, and never again
 
 
+@pytest.mark.long
 def test_a_mission_goes_on_with_another_interface_agent() -> None:
     gone = Fault("interface-restart", 8.0, 1.0, ("interface",))
     outcome = Workload(Case(1, "sc4", 14.0, (gone,))).run()
@@ -237,6 +248,7 @@ def test_a_mission_goes_on_with_another_interface_agent() -> None:
     assert outcome.violations == ()
 
 
+@pytest.mark.long
 def test_a_refused_agent_is_restarted_if_no_other_is_alive() -> None:
     """The second robot agent joins while the first is away, which then has to wait for it."""
     away = Fault("crash", 6.0, 2.0, ("robot",))
@@ -249,6 +261,7 @@ def test_a_refused_agent_is_restarted_if_no_other_is_alive() -> None:
     assert first[0].driver.started
 
 
+@pytest.mark.long(but=("stop-and-release",))
 @pytest.mark.parametrize("kind", sorted(STRANGE | {"interface-restart", "twin"}))
 def test_a_case_of_each_kind_of_stranger(kind: str) -> None:
     assert Workload(case_of(0, 20.0, [kind])).run().violations == ()

@@ -20,6 +20,7 @@ SOON = 90.0
 KINDS = ("holder-hung", "nobody-left")
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_trials_are_made_measured_and_kept(tmp_path: Path) -> None:
     words = ["--live", "--trials", "1", "--json", "--out", str(tmp_path)]

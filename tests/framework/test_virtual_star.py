@@ -599,6 +599,7 @@ class Faulty(World):
         return [([name], others), (others, [name])]
 
 
+@pytest.mark.long
 @settings(max_examples=100)
 @given(FAULTS, st.integers(0, 1000))
 def test_after_any_faults_everyone_reaches_everyone_and_knows_exactly_the_living(

@@ -44,6 +44,7 @@ def test_hosts_that_come_in_any_order_are_driven_to_the_goal_and_stay_up(
     assert "not at the scenario's start (0, 0)" in again.stderr
 
 
+@pytest.mark.long
 def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
     up: Start, start: Start, observer: Observer, tmp_path: Path
 ) -> None:
@@ -65,6 +66,7 @@ def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
     assert "the robot is stopped by armadico run; `armadico resume` releases it" in refused.stderr
 
 
+@pytest.mark.long
 def test_a_missing_agent_is_named(
     up: Start, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -75,6 +75,7 @@ def test_a_newcomer_among_agents_of_another_protocol_refuses_and_names_one(
     assert f"uses protocol {PROTOCOL + 1}, this agent {PROTOCOL}" in done.stderr
 
 
+@pytest.mark.long(but=("driver",))
 @pytest.mark.parametrize("kind", ["driver", "foreign"])
 def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_named(
     up: Start, toy: Start, observer: Observer, kind: str
@@ -96,6 +97,7 @@ def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_na
 # Any clock ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_clock_an_hour_ahead_is_reported_and_has_no_effect(
     up: Start, toy: Start, observer: Observer
 ) -> None:

@@ -68,6 +68,7 @@ def instances(observer: Observer, name: str) -> set[str]:
     return {instance for other, instance in observer.client.alive if other == name}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("table", [pytest.param(ALONE, id="one host")], indirect=True)
 def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
     up: Start, far: str, observer: Observer
@@ -92,6 +93,7 @@ def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
     assert sum("is killed: " in line for line in errors.splitlines()) == len(hung), errors
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("table", [pytest.param(PAIR, id="two hosts")], indirect=True)
 def test_what_a_host_had_that_is_gone_is_started_on_another_and_it_may_come_back(
     up: Start, far: str, observer: Observer

@@ -33,6 +33,7 @@ def drives(observer: Observer) -> None:
     observer.until(observer.driving, "the robot is on its way")
 
 
+@pytest.mark.long
 def test_hosts_that_lose_the_robots_host_keep_all_their_processes_and_drive_on_with_the_next(
     start: Start, up: Start, observer: Observer, tmp_path: Path
 ) -> None:

@@ -45,6 +45,7 @@ def test_a_share_comes_up_is_seen_and_goes_down(router: None, up: Start) -> None
     assert NAMESPACE in again.stdout
 
 
+@pytest.mark.long
 def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
     router: None, up: Start
 ) -> None:
@@ -60,6 +61,7 @@ def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
     }
 
 
+@pytest.mark.long
 def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> None:
     """Another user's."""
     first = up("robot")
@@ -70,6 +72,7 @@ def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> No
     assert first.poll() is None
 
 
+@pytest.mark.long
 def test_a_second_robot_agent_of_a_machine_names_the_process_of_the_first(up: Start) -> None:
     first = children(up("robot"))["robot"]
     second = call("robot", "--host", "robot", program="armadico-agent")
@@ -94,6 +97,7 @@ def test_a_share_whose_robot_agent_finds_another_ends_and_names_it(
     assert by_hand.poll() is None
 
 
+@pytest.mark.long
 def test_down_without_a_host_is_for_all_shares_of_the_namespace(router: None, start: Start) -> None:
     both = [start("up", "--host", host, on=ROBOT) for host in ("lab1", "lab2")]
     for process, host in zip(both, ("lab1", "lab2"), strict=True):
@@ -146,6 +150,7 @@ def test_a_misconfigured_agent_is_not_restarted_and_its_error_is_shown(
     assert list(shares(NAMESPACE)) == []
 
 
+@pytest.mark.long(but=("2-130",))
 @pytest.mark.parametrize(("number", "code"), [(SIGINT, 130), (SIGTERM, 0)])
 def test_a_signal_ends_all_agents_and_leaves_no_logs(
     router: None, up: Start, tmp_path: Path, number: Signals, code: int
@@ -160,6 +165,7 @@ def test_a_signal_ends_all_agents_and_leaves_no_logs(
     assert not list(tmp_path.glob("armadico-*"))
 
 
+@pytest.mark.long
 def test_when_it_is_killed_its_agents_leave_and_it_can_be_started_again(up: Start) -> None:
     process = up("robot")
     kept = children(process)
@@ -171,6 +177,7 @@ def test_when_it_is_killed_its_agents_leave_and_it_can_be_started_again(up: Star
     up("robot")
 
 
+@pytest.mark.long
 def test_a_simulator_that_dies_comes_back_where_it_was(up: Start, observer: Observer) -> None:
     process = up("robot")
     observer.until(lambda: observer.truths and observer.states, "the robot talks")
@@ -208,6 +215,7 @@ def test_systemd_is_notified_when_it_is_up(
         assert line.recv(100) == b"READY=1"
 
 
+@pytest.mark.long
 def test_ps_shows_missing_agents_by_host_and_the_exit_code_for_one_host(
     router: None, start: Start
 ) -> None:

@@ -66,6 +66,7 @@ def test_a_bare_checkout_imports_as_it_is_installed() -> None:
     ]
 
 
+@pytest.mark.long
 def test_no_process_is_started_that_looks_into_the_current_folder_first() -> None:
     loose = [
         f"{module}:{node.lineno}"

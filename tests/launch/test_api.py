@@ -39,6 +39,7 @@ def sc4() -> Run:
     return armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
 
 
+@pytest.mark.long
 def test_a_virtual_run_is_the_commands(sc4: Run) -> None:
     assert sc4.measures == Rehearsal(ideal(load_scenario("sc4")), Options(seed=7)).run()
     assert sc4 == armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
@@ -142,6 +143,7 @@ def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_a_run_is_filmed_and_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: Path) -> None:
     plt = pytest.importorskip("matplotlib.pyplot")
     mpl = pytest.importorskip("matplotlib")
@@ -252,6 +254,7 @@ def children() -> set[int]:
     return {child.pid for child in psutil.Process().children(recursive=True)}
 
 
+@pytest.mark.long
 @pytest.mark.live
 @pytest.mark.usefixtures("apart")
 def test_a_run_as_processes_says_the_same_and_leaves_nothing(

@@ -35,6 +35,7 @@ def rehearsal(name: str | Scenario, robot: str = JACKAL, seed: int = 1) -> Rehea
     return Rehearsal(prepared(ideal(scenario), options, profile=robot), options)
 
 
+@pytest.mark.long(but=("sc4-jackal",))
 @pytest.mark.parametrize(("name", "robot"), [("sc4", JACKAL), ("rooms-a", BURGER)])
 def test_scenarios_are_driven_by_a_laser_and_nothing_is_touched(name: str, robot: str) -> None:
     result = rehearsal(name, robot).run()
@@ -105,6 +106,7 @@ class Sick(Agent):
         )
 
 
+@pytest.mark.long(but=("sonar",))
 @pytest.mark.parametrize("silent", ["sonar", "laser"])
 def test_with_sonars_and_a_laser_both_count_and_without_one_of_them_nobody_drives(
     silent: str, tmp_path: Path
@@ -147,6 +149,7 @@ ALL_BAD: dict[str, Callable[[Ranges], Ranges]] = {
 }
 
 
+@pytest.mark.long(but=("covered",))
 @pytest.mark.parametrize("how", ALL_BAD)
 def test_a_laser_that_goes_blind_stops_the_robot_and_it_goes_on_when_it_sees_again(
     how: str,

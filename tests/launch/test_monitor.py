@@ -115,6 +115,7 @@ class Society(Driven):
 # Nothing is wrong ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long(but=("ideal",))
 @pytest.mark.parametrize(
     "scenario",
     [
@@ -134,6 +135,7 @@ def test_without_faults_nothing_is_requested(scenario: Scenario) -> None:
 # Restarts, exactly once -------------------------------------------------------------------------
 
 
+@pytest.mark.long(but=("deaf-localization",))
 @pytest.mark.parametrize(
     ("fault", "name"),
     [
@@ -206,6 +208,7 @@ class Muted:
         monkeypatch.setattr(Localization, "publish", muted)
 
 
+@pytest.mark.long
 def test_a_pause_that_an_agent_ended_by_itself_is_allowed_to_be_longer_next_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -218,6 +221,7 @@ def test_a_pause_that_an_agent_ended_by_itself_is_allowed_to_be_longer_next_time
     assert (society.notes, society.more()) == ([], {})
 
 
+@pytest.mark.long
 def test_an_agent_that_publishes_on_and_off_is_restarted_once_at_most(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -228,6 +232,7 @@ def test_an_agent_that_publishes_on_and_off_is_restarted_once_at_most(
     assert society.more() == {"localization": 1}
 
 
+@pytest.mark.long(but=("hung",))
 @pytest.mark.parametrize("fault", ["hung", "slow"])
 def test_if_most_of_a_host_is_silent_at_once_it_is_the_machine(fault: str) -> None:
     society = Society(TWO).let_pass(6.0)
@@ -247,6 +252,7 @@ def test_if_most_of_a_host_is_silent_at_once_it_is_the_machine(fault: str) -> No
     assert society.arrives()
 
 
+@pytest.mark.long
 def test_a_host_that_stays_silent_is_given_up_in_the_end_within_its_budget() -> None:
     society = Society(TWO).let_pass(6.0)
     for node in list(society.mesh.nodes):
@@ -257,6 +263,7 @@ def test_a_host_that_stays_silent_is_given_up_in_the_end_within_its_budget() -> 
     assert sum(society.more().values()) == Parameters().restarts
 
 
+@pytest.mark.long
 def test_on_a_loaded_machine_everything_may_take_longer() -> None:
     society = Society().let_pass(6.0)
     society.run.hosts["here"].wakeup.agent.receive_bytes(lines(Load(3.0)), society.mesh.now)
@@ -268,6 +275,7 @@ def test_on_a_loaded_machine_everything_may_take_longer() -> None:
     society.back("goto", 8.0)
 
 
+@pytest.mark.long
 def test_a_host_has_a_budget_of_restarts() -> None:
     society = Society().let_pass(6.0)
     monitor = society.mesh.node("monitor").agent
@@ -282,6 +290,7 @@ def test_a_host_has_a_budget_of_restarts() -> None:
     society.back("avoid", 40.0)
 
 
+@pytest.mark.long
 def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
     society = Society().let_pass(6.0)
     society.mesh.node("monitor").hang()
@@ -291,6 +300,7 @@ def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
     society.back("goto", 6.0)
 
 
+@pytest.mark.long
 def test_an_agent_that_keeps_dying_at_start_ends_its_host(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -329,6 +339,7 @@ def test_what_is_needed_of_a_host_that_is_gone_is_started_on_another_and_the_mis
     assert society.stops == []
 
 
+@pytest.mark.long
 def test_a_host_that_comes_back_leaves_its_agents_where_they_were_started() -> None:
     society = Society(TWO).let_pass(6.0)
     society.run.hosts["b"].lose()
@@ -358,6 +369,7 @@ def test_a_host_that_was_never_there_is_waited_for() -> None:
     assert late.wakeup.alive
 
 
+@pytest.mark.long
 def test_a_host_that_never_comes_is_replaced() -> None:
     run = Rehearsal(replace(DRIVEN, goal=None), Options(seed=1), hosts=TWO)
     run.hosts["b"].lose()
@@ -365,6 +377,7 @@ def test_a_host_that_never_comes_is_replaced() -> None:
     assert run.mesh.node("goto").agent.identity.host == "a"
 
 
+@pytest.mark.long
 def test_a_host_that_leaves_in_order_is_not_replaced() -> None:
     society = Society(TWO).let_pass(6.0)
     society.run.hosts["b"].leave()
@@ -373,6 +386,7 @@ def test_a_host_that_leaves_in_order_is_not_replaced() -> None:
     assert society.stops == []
 
 
+@pytest.mark.long
 def test_of_two_monitors_one_acts_and_the_other_takes_over() -> None:
     society = Society(TWO).let_pass(6.0)
     (first,) = society.acting()
@@ -387,6 +401,7 @@ def test_of_two_monitors_one_acts_and_the_other_takes_over() -> None:
     assert society.acting() == [other]
 
 
+@pytest.mark.long
 def test_an_agent_that_dies_while_its_wakeup_agent_hangs_is_started_on_another_host() -> None:
     society = Society(TWO).let_pass(6.0)
     society.run.hosts["b"].wakeup.hang()
@@ -400,6 +415,7 @@ def test_an_agent_that_dies_while_its_wakeup_agent_hangs_is_started_on_another_h
     assert there == ["b"], "it was given back"
 
 
+@pytest.mark.long
 def test_another_host_starts_the_agent_if_the_budget_is_spent() -> None:
     society = Society(TWO).let_pass(6.0)
     agent = society.run.hosts["b"].wakeup.agent
@@ -412,6 +428,7 @@ def test_another_host_starts_the_agent_if_the_budget_is_spent() -> None:
     assert society.run.hosts["b"].wakeup.alive, "a request ends no process"
 
 
+@pytest.mark.long
 def test_a_monitor_that_hung_itself_requests_no_restarts() -> None:
     society = Society().let_pass(6.0)
     node = society.mesh.node("monitor")
@@ -426,6 +443,7 @@ def test_a_monitor_that_hung_itself_requests_no_restarts() -> None:
 # When it cannot be whole --------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_robot_is_stopped_if_agents_stay_missing() -> None:
     society = Society(NONE_TAKES).let_pass(6.0)
     society.run.hosts["b"].lose()
@@ -460,6 +478,7 @@ def test_the_stop_is_not_latched_again_after_a_release() -> None:
 # Requests over the mesh ---------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_any_client_may_send_requests_to_a_wakeup_agent() -> None:
     society = Society().let_pass(6.0)
     shares: list[HostShare] = []

@@ -102,6 +102,7 @@ def test_two_robots_do_two_tasks_and_leave_nothing_and_a_second_fleet_is_refused
     assert not [*tmp_path.glob("armadico-*")], "no logs of a run that ended well"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", [SIGINT, SIGKILL])
 def test_whatever_ends_it_nothing_is_left(run: Start, tmp_path: Path, how: int) -> None:
     process = run(*words(tmp_path))
@@ -112,6 +113,7 @@ def test_whatever_ends_it_nothing_is_left(run: Start, tmp_path: Path, how: int) 
     assert all_gone(everybody)
 
 
+@pytest.mark.long
 def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_by_ctrl_c(
     run: Start, tmp_path: Path
 ) -> None:

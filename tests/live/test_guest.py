@@ -50,6 +50,7 @@ def test_a_guest_sends_the_robot_stops_it_and_lets_it_go_on(start: Start) -> Non
         assert mission.wait(), "once reached it stays so"
 
 
+@pytest.mark.long
 def test_a_mission_that_is_not_there_in_time_goes_on_and_one_that_is_replaced_is_told(
     start: Start,
 ) -> None:
@@ -63,6 +64,7 @@ def test_a_mission_that_is_not_there_in_time_goes_on_and_one_that_is_replaced_is
             mission.wait(SOON)
 
 
+@pytest.mark.long
 def test_whoever_took_the_mission_and_is_gone_is_absent(start: Start) -> None:
     society = start(FEW)
     with armadico.connect() as guest:

@@ -97,6 +97,7 @@ def test_an_agent_that_fails_logs_the_reason_and_ends(client: Client, spawn: Spa
     assert there(client, 0)
 
 
+@pytest.mark.long
 def test_an_agent_that_hangs_can_be_ended_all_the_same(client: Client, spawn: Spawn) -> None:
     process = spawn("hanging")
     assert there(client, 1)

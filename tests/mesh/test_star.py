@@ -229,6 +229,7 @@ def test_an_agents_process_that_starts_before_its_router_joins_once_it_comes(
 # A router that restarts ---------------------------------------------------------------------------
 
 
+@pytest.mark.long(but=("tcp-killed",))
 @pytest.mark.parametrize("how", ["killed", "closed"])
 def test_after_a_restart_of_the_router_only_agents_that_do_not_come_back_are_reported_as_gone(
     robot: Robot, how: str
@@ -268,6 +269,7 @@ def test_after_a_restart_of_the_router_only_agents_that_do_not_come_back_are_rep
 # A router that hangs ------------------------------------------------------------------------------
 
 
+@pytest.mark.long(but=("socket",))
 def test_after_a_hang_of_the_router_only_agents_that_do_not_come_back_are_reported_as_gone(
     robot: Robot,
 ) -> None:
@@ -287,6 +289,7 @@ def test_after_a_hang_of_the_router_only_agents_that_do_not_come_back_are_report
     assert publishes_until(goto, "encoder/pose", got)
 
 
+@pytest.mark.long(but=("tcp",))
 def test_after_a_hang_of_the_router_each_message_still_arrives_by_its_own_key(
     robot: Robot,
 ) -> None:
@@ -389,6 +392,7 @@ def test_within_its_own_namespace_the_same_session_is_received(join: Join) -> No
         assert eventually(arrived)
 
 
+@pytest.mark.long(but=("True",))
 @pytest.mark.parametrize("turned", [False, True])
 def test_of_several_routers_a_client_joins_its_own_robots(
     client_of: Open, spawn_router: SpawnRouter, turned: bool
@@ -451,6 +455,7 @@ def fleet(spawn_router: SpawnRouter, client_of: Open) -> Fleet:
     return Fleet(spawn_router, client_of)
 
 
+@pytest.mark.long(but=("lab/r2",))
 @pytest.mark.parametrize("restarted", ROBOTS)
 def test_robots_of_a_fleet_share_its_keys_whichever_starts_or_restarts(
     fleet: Fleet, restarted: str
@@ -477,6 +482,7 @@ def test_robots_on_several_computers_share_the_keys_of_their_fleet(
     assert fleet.is_whole()
 
 
+@pytest.mark.long
 def test_robots_with_a_socket_and_an_endpoint_receive_each_message_once(fleet: Fleet) -> None:
     """They are on one computer, and the fleet's list has the endpoints of both."""
     endpoints = [f"tcp/{LOOPBACK}:{free_port()}" for _ in range(2)]
@@ -487,6 +493,7 @@ def test_robots_with_a_socket_and_an_endpoint_receive_each_message_once(fleet: F
         assert fleet.is_whole()
 
 
+@pytest.mark.long
 def test_a_robot_whose_router_hangs_delays_no_other_and_is_back_afterwards(fleet: Fleet) -> None:
     for name in ROBOTS:
         fleet.start(name)

@@ -47,6 +47,7 @@ def links(processes: list[subprocess.Popen[str]]) -> int:
     return sum(len(each) for each in found)
 
 
+@pytest.mark.long
 def test_societies_on_a_starved_core_are_whole_again_after_their_links_were_lost_five_times(
     crowded: tuple[list[subprocess.Popen[str]], list[subprocess.Popen[str]]],
 ) -> None:

@@ -29,6 +29,7 @@ M = TypeVar("M", bound=Message)
 SECOND = 1_000_000_000
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)  # a whole mission, and four workers share two cores
 def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     path = tmp_path / "mission.mcap"
@@ -60,6 +61,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     assert not check(path, None, pytest.fail).violations
 
 
+@pytest.mark.long
 def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
     """`armadico up surveillance`, recorded live, and read back (`armadico_tools.recordings`)."""
     read = [*rows(LIVE, pytest.fail)]

@@ -10,6 +10,7 @@ from armadico_tools.experiments import use_cases
 from armadico_tools.experiments.use_cases import CASES, Came, as_table, come, is_met
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_use_case(name: str) -> None:
     came = come((name, "ideal", 1))
@@ -18,6 +19,7 @@ def test_use_case(name: str) -> None:
     assert len(came.demands) > 3
 
 
+@pytest.mark.long
 def test_use_case_2_the_mission_may_change_its_task_or_run_the_risk() -> None:
     rows = ('do = "move", to = "R1", else = [{ do = "wait", seconds = 1 }]',)
     for energy, done in (("fail", "wait(1.0)"), ("risk", "move(R1)")):

@@ -70,6 +70,7 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
     assert not left_behind(tmp_path)
 
 
+@pytest.mark.long
 def test_a_holder_cut_off_is_replaced_and_its_host_rejoins(run: Start, tmp_path: Path) -> None:
     words = ("--live", "--kind", "holder-cut-off", "--trials", "1", "--json")
     process = run("faults", *words, "--out", str(tmp_path / "out"))

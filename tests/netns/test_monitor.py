@@ -91,6 +91,7 @@ def bed(tmp_path: Path) -> Iterator[Bed]:
         yield made
 
 
+@pytest.mark.long
 def test_after_a_cut_each_agent_that_must_be_alone_is_there_once_and_no_host_gives_up(
     bed: Bed,
 ) -> None:

@@ -172,6 +172,7 @@ def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path)
     assert len(points) == 2
 
 
+@pytest.mark.long
 def test_drawing_rates_and_memory_are_bounded(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     seconds, rate = 20, 200
@@ -327,6 +328,7 @@ def test_a_virtual_run_has_all_entities(run: tuple[Path, Rehearsal]) -> None:
     assert len(walls) == len(load_world("sc3").walls)
 
 
+@pytest.mark.long
 def test_a_run_with_an_unknown_start_is_drawn_until_it_is_localized(
     tmp_path: Path,
 ) -> None:

@@ -51,6 +51,7 @@ def page(recording: Path) -> Iterator[str]:
         yield f"{address}&renderer=webgl"
 
 
+@pytest.mark.long
 @pytest.mark.live
 @pytest.mark.skipif(executable() is None, reason="no Chromium here: apt-get install chromium")
 @pytest.mark.timeout(240)

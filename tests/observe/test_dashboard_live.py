@@ -104,6 +104,7 @@ def society(mesh: ZenohMesh) -> Iterator[Society]:
         publishing.leave()
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_it_serves_records_and_leaves_nothing_behind(router: ZenohMesh, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
@@ -127,6 +128,7 @@ def test_it_serves_records_and_leaves_nothing_behind(router: ZenohMesh, tmp_path
     assert {u for _, u in kept.values("/p/utility/wheels/goto", "scalars")} == {0.6}
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_dashboard_that_hangs_does_not_delay_agents(router: ZenohMesh) -> None:
     """It is stopped while one agent publishes 20 MB for it, far more than links buffer."""
@@ -167,6 +169,7 @@ def publish_until_received(mesh: ZenohMesh, listener: Client) -> None:
         listener.wait_for(lambda: None, 0.02)
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
@@ -180,6 +183,7 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
         urllib.request.urlopen(page, timeout=20)
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,

@@ -62,6 +62,7 @@ def gif(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Image.Image]:
         yield opened
 
 
+@pytest.mark.long
 def test_a_gif_has_the_duration_of_the_run_and_loops(gif: Image.Image) -> None:
     took = [frame.info["duration"] for frame in ImageSequence.Iterator(gif)]
     assert gif.size == FRAME
@@ -88,6 +89,7 @@ def test_the_path_grows_in_its_holders_colours(gif: Image.Image) -> None:
     assert reach[0][2] < reach[1][2]
 
 
+@pytest.mark.long
 def test_a_long_run_is_accelerated_and_a_short_one_is_not_slowed_down(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -100,6 +102,7 @@ def test_a_long_run_is_accelerated_and_a_short_one_is_not_slowed_down(
         assert took / 1000 == pytest.approx(lasts + RESTS_S, abs=1.0)
 
 
+@pytest.mark.long
 def test_a_run_that_never_began_is_a_still(tmp_path: Path) -> None:
     film_run(WORLD, made_up([]), tmp_path / "run.gif")
     with Image.open(tmp_path / "run.gif") as film:
@@ -166,6 +169,7 @@ def test_ffmpegs_error_is_quoted_and_an_incomplete_film_removed(
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_a_film_that_cannot_be_written_removes_nothing(tmp_path: Path) -> None:
     (tmp_path / "run.gif").mkdir()
     with pytest.raises(OSError, match="directory"):

@@ -69,6 +69,7 @@ def test_parts_of_a_log(log: Log) -> None:
     assert abs(len(of("first")) - len(of("second"))) <= 1
 
 
+@pytest.mark.long
 def test_the_estimate_follows_the_reference_where_odometry_alone_does_not(
     log: Log, world: str
 ) -> None:
@@ -107,6 +108,7 @@ def test_one_seed_is_one_result(log: Log, world: str) -> None:
     assert [one.estimate for one in first] != [one.estimate for one in other]
 
 
+@pytest.mark.long
 def test_an_unknown_start_is_lost_until_it_is_found(log: Log, world: str) -> None:
     track = Run(log, chosen(log, world, anywhere=True), float).go()
     found = summary(track)
@@ -123,6 +125,7 @@ def test_a_given_start_is_used(log: Log, world: str) -> None:
     assert Run(log, to, float).go().moments[0].alone == pytest.approx((x + 0.1, y, theta), abs=0.2)
 
 
+@pytest.mark.long
 def test_a_map_of_another_place_is_reported(log: Log) -> None:
     found = summary(Run(log, chosen(log, "rooms-a"), float).go())
     assert found.lost_share + (found.wrong_sure_share or 0.0) > 0.5
@@ -215,6 +218,7 @@ FOLDER = Path(
 )
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     not (FOLDER / "seattle.npz").is_file(),
     reason="no logs of real robots: set ARMADICO_LOGS to their folder",

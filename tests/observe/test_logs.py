@@ -328,6 +328,7 @@ def recorded(path: Path, robot: str) -> Path:
     return path
 
 
+@pytest.mark.long(but=("pioneer-2dx-Sonar",))
 @pytest.mark.parametrize(("robot", "kind"), [("pioneer-2dx", Sonar), ("jackal", Scan)])
 def test_a_recording_of_a_virtual_run_is_a_log(tmp_path: Path, robot: str, kind: type) -> None:
     path = recorded(tmp_path / "run.mcap", robot)

@@ -134,6 +134,7 @@ LINKS: Sequence[At] = (
 )
 
 
+@pytest.mark.long(but=("faults1-1",))
 @pytest.mark.parametrize(("faults", "lives"), [(PROCESSES, 2), (LINKS, 1)])
 def test_runs_with_faults_are_replayed_equal(
     tmp_path: Path, faults: Sequence[At], lives: int

@@ -51,6 +51,7 @@ def frames(found: dict[str, list[Any]]) -> dict[str, dict[tuple[int, int], Pose2
     return known
 
 
+@pytest.mark.long
 def test_a_recording_is_reproducible_and_does_not_change_the_run(tmp_path: Path) -> None:
     first, second = tmp_path / "a.mcap", tmp_path / "b.mcap"
     ends = {run(first).mesh.now, run(second).mesh.now, run(None).mesh.now}

@@ -266,6 +266,7 @@ def found(name: str, folder: Path) -> Cause | None:
     return incident.query(society)
 
 
+@pytest.mark.long(but=("hung sonar",))
 @pytest.mark.parametrize("name", INCIDENTS)
 def test_the_planted_cause_is_named(name: str, tmp_path: Path) -> None:
     incident, cause = INCIDENTS[name], found(name, tmp_path)
@@ -314,6 +315,7 @@ def test_a_moment_has_the_refused_commands_and_the_reason() -> None:
     assert any(wheels.refused[0] in sentence for sentence in moment.sentences)
 
 
+@pytest.mark.long
 def test_during_an_exchange_a_moment_names_the_agents_whose_actions_are_blended() -> None:
     society = Observed(scenario=scenario("sc4", *LINE.agents, "gothrough")).drive(6.0)
     for _ in range(100):

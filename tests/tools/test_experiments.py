@@ -65,6 +65,7 @@ def declared(*cells: Cell) -> Experiment:
 # Runs ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_same_seeds_give_the_same_bytes_however_many_processes(tmp_path: Path) -> None:
     context(tmp_path / "one", runs=2).run(declared(SC1, FAST), "x")
     context(tmp_path / "two", runs=2, jobs=2).run(declared(SC1, FAST), "x")
@@ -73,6 +74,7 @@ def test_the_same_seeds_give_the_same_bytes_however_many_processes(tmp_path: Pat
     assert one.count(b"\n") == 5
 
 
+@pytest.mark.long
 def test_interrupted_runs_are_kept_and_not_driven_again(tmp_path: Path) -> None:
     SEEN.clear()
     with pytest.raises(KeyboardInterrupt):
@@ -197,6 +199,7 @@ def test_the_fast_controller_stops_where_it_comes_to_rest() -> None:
     assert not sample.reached
 
 
+@pytest.mark.long
 def test_an_agent_that_joins_restarts_no_other() -> None:
     found = join(("rooms-b", 1000))
     assert found.kept
@@ -206,6 +209,7 @@ def test_an_agent_that_joins_restarts_no_other() -> None:
     assert found.first_held_s > 5.0
 
 
+@pytest.mark.long
 def test_a_robot_that_gets_nowhere_is_stuck_before_the_time_limit() -> None:
     run = Drive(Cell("x", "sc1", without=("goto", "avoid", "gothrough")), 1000)
     sample = run.go().sample()
@@ -293,6 +297,7 @@ def test_the_shares_of_the_published_tables_add_up() -> None:
         assert sum(shares) == pytest.approx(100.0, abs=0.7)
 
 
+@pytest.mark.long
 def test_means_intervals_and_p_values_against_known_ones() -> None:
     found = statistics.spread([1.0, 2.0, 3.0, 4.0, 5.0])
     assert found is not None
@@ -397,6 +402,7 @@ def test_each_experiment_of_the_index_is_declared(name: str) -> None:
     assert isinstance(found, Experiment)
 
 
+@pytest.mark.long
 def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -409,6 +415,7 @@ def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long(but=("flat.map",))
 @pytest.mark.parametrize("name", foreign_worlds.MAPS)
 def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
     name: str, tmp_path: Path
@@ -427,6 +434,7 @@ def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
         assert load_scenario(cell.scenario).plan is None
 
 
+@pytest.mark.long
 def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

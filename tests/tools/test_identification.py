@@ -241,6 +241,7 @@ def shortly(
     return record(trial, seed, robot, seconds, noise_m_s)
 
 
+@pytest.mark.long
 def test_the_experiment_shows_the_thesis_s_tables_beside_the_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -186,6 +186,7 @@ def test_a_client_that_comes_again_goes_on(peer, line) -> None:
     assert robot.end().count("/armadico") >= 1
 
 
+@pytest.mark.long
 def test_two_robots_are_two(peer, line) -> None:
     one, two = peer("--namespace", "tb1", "--x", "1"), peer("--namespace", "tb2", "--x", "2")
     first, second = line("tb1"), line("tb2")

@@ -115,6 +115,7 @@ def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> Non
     page.until(f"!{PARTS}.stop.stopped && {PARTS}.motion.v > 0.1")
 
 
+@pytest.mark.long
 def test_with_the_keyboard_alone(page: Browser) -> None:
     page.evaluate("document.getElementById('map').focus()")
     for _ in range(4):
@@ -131,6 +132,7 @@ def test_with_the_keyboard_alone(page: Browser) -> None:
     page.until(HELD)
 
 
+@pytest.mark.long
 def test_two_browsers_one_stops_the_other_resumes(
     page: Browser, stage: Served, tmp_path: Path
 ) -> None:
@@ -208,6 +210,7 @@ def test_a_key_a_finger_and_a_gamepad_hold_and_release_the_stick(
     page.key("w", "KeyW", "keyUp")
 
 
+@pytest.mark.long
 def test_a_key_drives_and_the_robot_rests_when_it_is_released(chromium: Browser) -> None:
     stage = Served("sc4", pace=TURN_S)  # a delayed stick is stale
     stage.run.add(Teleop)
@@ -227,6 +230,7 @@ def test_a_key_drives_and_the_robot_rests_when_it_is_released(chromium: Browser)
     chromium.open("about:blank")
 
 
+@pytest.mark.long
 def test_without_its_server_a_stop_is_sent_when_the_connection_is_back(
     chromium: Browser,
 ) -> None:

@@ -85,6 +85,7 @@ def hands() -> Hands:
     return Hands()
 
 
+@pytest.mark.long
 def test_after_driving_by_hand_the_mission_continues_without_a_jerk(hands: Hands) -> None:
     assert hands.answer(hands.request("page 1", "go", x=6.0, y=0.0))["ok"]
     hands.go_on(lambda: hands.v > 0.3)

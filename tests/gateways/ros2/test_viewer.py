@@ -151,6 +151,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.long
 def test_a_late_viewer_reads_everything(stack: ExitStack, domain: int) -> None:
     stage = Stage(stack, domain)
     viewer = Viewer(stack, domain)  # after the map, the path and the local map
@@ -182,6 +183,7 @@ def test_a_goal_of_a_viewer_is_a_mission(stack: ExitStack, domain: int) -> None:
     assert f"/robot1/{NODE}" in viewer.end(stage.turn)
 
 
+@pytest.mark.long
 def test_a_robot_that_publishes_its_odometry_is_detected(stack: ExitStack, domain: int) -> None:
     stage = Stage(stack, domain)
     peer = Path(__file__).parents[2] / "bridge" / "ros2" / "rclpy_peer.py"

@@ -53,6 +53,7 @@ def test_the_agents_that_are_alive(driven: tuple[Observed, Society]) -> None:
     assert agents["assistant"]["competes_for"] == []
 
 
+@pytest.mark.long
 def test_the_picture_has_the_walls_the_robot_and_its_goal(
     driven: tuple[Observed, Society],
 ) -> None:

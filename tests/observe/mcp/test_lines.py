@@ -181,6 +181,7 @@ def test_no_line_raises(line: bytes) -> None:
     assert found is None or "error" in parsed(found)
 
 
+@pytest.mark.long
 @given(st.sampled_from(["tools/call", "initialize", "tools/list", "ping"]), JSON, JSON, JSON)
 def test_no_request_raises(method: str, number: object, name: object, arguments: object) -> None:
     params = {"name": name, "arguments": arguments, "protocolVersion": name, "clientInfo": number}
