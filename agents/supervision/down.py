@@ -56,7 +56,7 @@ def run(args: Options) -> int:
         _end_share(share)
     left = [] if hosts else _end_orphans(namespace)
     if left:
-        print(f"ended what a killed `armadico run` had left: {', '.join(left)}")
+        print(f"ended the processes left by a killed `armadico run`: {', '.join(left)}")
     elif not found:
         print(f"nothing {where}is up on this machine in namespace {namespace!r}")
     return 0

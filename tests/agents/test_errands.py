@@ -233,7 +233,7 @@ def test_up_to_ends_at_a_place_on_the_way_and_looks_along_it() -> None:
 
 def test_an_order_that_is_withdrawn_before_its_answer_comes_is_not_the_next_one() -> None:
     order = Ordered()
-    order.query(0.0)
+    order.request(0.0)
     order.drop()
     assert order.pending, "the next one waits until the robot is not sent off twice"
     assert not order.answered(MissionReply(7, length=3.0), 0.5)

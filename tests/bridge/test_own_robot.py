@@ -53,8 +53,8 @@ def test_without_it_the_kinds_that_are_installed_are_named() -> None:
     profile = EXAMPLE / "armadico_create2" / "create2.toml"
     done = call("run", "sc1", "--virtual", "--profile", str(profile))
     assert done.returncode != 0
-    assert "[create2] is no kind of robot that is installed" in done.stderr
-    assert "(installed kinds of robots: p2os, ros2)" in done.stderr
+    assert "[create2]" in done.stderr
+    assert "p2os, ros2" in done.stderr
 
 
 def test_an_address_of_another_kind_is_refused(env: dict[str, str]) -> None:

@@ -180,7 +180,7 @@ def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
         events = tool("history")["events"]
         assert any('model asked: stop {"reason":"a cat"}' in each["what"] for each in events)
         code = tool("resume")["said"].partition("--confirm ")[2].strip("`")
-        assert "another stop's" in run("resume", "--confirm", "000000").stderr
+        assert "another stop" in run("resume", "--confirm", "000000").stderr
         assert "free to move" in run("resume", "--confirm", code.lower()).stdout
         server.stdin.close()
         assert server.wait(SOON) == 0
@@ -229,10 +229,10 @@ def test_a_stop_that_is_sent_and_never_acknowledged_is_not_said_to_be_done(
 @pytest.mark.parametrize(
     ("says", "code", "told"),
     [
-        (lambda _: Stop(), 1, "it last said free to move"),
+        (lambda _: Stop(), 1, "free to move"),
         (lambda number: Stop(3, number % 8 != 0, "x", 5), 1, "not acknowledged"),
         (lambda _: Stop(2**52, True, "x", 5), 0, "the robot is stopped"),
-        (lambda _: Stop(2**52, False, "x", 5), 1, "it last said free to move"),
+        (lambda _: Stop(2**52, False, "x", 5), 1, "free to move"),
     ],
     ids=["deaf", "to and fro", "at the largest counter", "deaf at the largest counter"],
 )
@@ -256,13 +256,13 @@ def test_stopped_is_said_if_the_robot_agent_goes_on_saying_so(
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.long(but=("words1-2-is beyond 1e+06 m",))
+@pytest.mark.long(but=("words1-2-1e+06 m",))
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
         (("800000", "800000", "0", "--direct"), 1, "at most 200 m are driven without a plan"),
-        (("1e9", "2", "0"), 2, "is beyond 1e+06 m"),
-        (("2", "-2000000", "0", "--direct"), 2, "is beyond 1e+06 m"),
+        (("1e9", "2", "0"), 2, "1e+06 m"),
+        (("2", "-2000000", "0", "--direct"), 2, "1e+06 m"),
     ],
 )
 def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
@@ -338,7 +338,7 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     for words, code, says in (
         (("log", "lung"), 1, "no mission 'lung' on the board; did you mean 'long'?"),
         (("cancel", "long"), 0, "cancelled"),
-        (("cancel", "long"), 1, "it is over already"),
+        (("cancel", "long"), 1, "over already"),
         (("cancel", "--all"), 1, "no mission is under way"),
         (("status",), 0, "cancelled"),
     ):

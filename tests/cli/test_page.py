@@ -100,7 +100,7 @@ def test_beside_a_run_it_stays_with_the_society_when_the_goal_is_reached() -> No
         link = page_of(process)
         assert process.stderr is not None
         said = iter(process.stderr.readline, "")
-        assert any("the run is over, the society and its page stay" in line for line in said)
+        assert any("the society and its page stay until" in line for line in said)
         assert b"<html" in read(link)
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=60)

@@ -172,7 +172,7 @@ def test_the_rest_of_a_set_stays_as_it_is(tmp_path: Path) -> None:
 def test_where_there_is_no_place_for_it_the_file_stays_as_it_is(tmp_path: Path, text: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=r"goto\.safety\.margin_m: no place beside what is"):
+    with pytest.raises(ConfigError, match=r"goto\.safety\.margin_m"):
         save(path, "goto", {"safety.margin_m": 0.1})
     assert path.read_text() == text
     assert list(tmp_path.iterdir()) == [path]

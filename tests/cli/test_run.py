@@ -173,7 +173,7 @@ def test_where_nobody_contends_for_the_wheels_it_is_said(
     """The relocate agent drives only who is lost."""
     code, _, errors = run(capsys, *VIRTUAL, *more, "--for", "1", *BEHAVIOURS)
     assert code == 1
-    assert "nobody contends for the wheels" in errors
+    assert "no agent competes for the wheels" in errors
     _, _, errors = run(capsys, *VIRTUAL, *more, "--for", "1", *BEHAVIOURS[2:])
     assert "contends" not in errors
 
@@ -219,10 +219,9 @@ def test_a_ros_map_is_a_world(capsys: Captured) -> None:
     code, out, errors = run(capsys, *words, "--virtual", "--json")
     assert (code, json.loads(out)["reached"]) == (0, True), errors
     code, _, errors = run(capsys, "hall.pgm", *words[1:], "--virtual")
-    assert (code, errors.rstrip().rpartition("; ")[2]) == (
-        2,
-        "expected an ARIA .map or a map_server .yaml",
-    )
+    assert code == 2
+    assert "hall.pgm" in errors
+    assert "map_server .yaml" in errors
 
 
 @pytest.mark.parametrize(

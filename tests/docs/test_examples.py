@@ -75,7 +75,7 @@ def test_the_guest_alone_says_what_to_start_first(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 1
-    assert done.stderr.endswith("in another terminal first: armadico run sc4\n")
+    assert "armadico run sc4" in done.stderr
 
 
 @pytest.mark.long
@@ -93,4 +93,4 @@ def test_the_guest_sees_the_robot_drive_and_stops_it(shell: Shell) -> None:  # n
             guest.goto(here.x + 4.0, here.y, 0.0, direct=True)
             said = run(GUEST, shell.folder, **where)
     assert "goto" in said
-    assert said.endswith("m on, by a guest\n")
+    assert said.endswith("m, by a guest\n")

@@ -242,7 +242,7 @@ def test_an_agent_by_hand_counts_as_the_hosts(
     start("goto", "--host", "lab2", program="armadico-agent")
     observer.until(lambda: observer.names == {"goto"}, "it is there")
     seen = call("ps", "--host", "lab2")
-    assert (seen.returncode, seen.stdout) == (1, "lab2: lacks: avoid, gothrough, relocate\n")
+    assert (seen.returncode, seen.stdout) == (1, "lab2: missing: avoid, gothrough, relocate\n")
 
 
 def test_an_agent_of_another_machine_is_reported(table: Path) -> None:

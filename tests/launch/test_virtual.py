@@ -431,7 +431,7 @@ def test_what_no_sonar_hears_is_touched_once_and_driven_round(seed: int) -> None
     assert result.reached
     assert result.collisions == 1
     ((at, text),) = touched
-    assert "something ahead" in text
+    assert " ahead" in text
     zero = [when for when, command in run.commands if when >= at and command.number == Cmd.VEL]
     assert zero[0] - at < 0.01
     held = (c for when, c in run.commands if at < when < at + HELD_S and _moves(c))

@@ -204,7 +204,7 @@ class Driver:
     def drive(self, v: float, w: float) -> None:
         wanted = finite(v, w)
         if self.is_open:
-            self._ramps.query(wanted, self._now)
+            self._ramps.request(wanted, self._now)
 
     def stop(self) -> None:
         self.drive(*REST)
