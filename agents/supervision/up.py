@@ -53,8 +53,8 @@ EXAMPLES: Final = """\
 @dataclass(frozen=True, kw_only=True)
 class Options:
     scenario: str | None = argument(
-        "start only the agents of this mission or scenario, with its parameters"
-        " (default: the host's agents)",
+        "the mission or scenario whose agents are started, with its parameters; the mission itself"
+        " is not started (default: all agents of the host)",
         nargs="?",
         metavar="MISSION",
     )

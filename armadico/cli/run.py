@@ -63,7 +63,8 @@ class Options(Drive):
         "drive to this pose: m, m, degrees (default: the scenario's)", metavar=X_Y_DEG, must=POSE
     )
     robots: int | None = option(
-        "number of robots of a fleet; with --attach at least (default: the scenario's)",
+        "number of robots of a fleet; with --attach, the least number to wait for"
+        " (default: the scenario's)",
         metavar="N",
     )
     replace: bool = flag("with --attach to a fleet: replace its present tasks")
@@ -277,7 +278,7 @@ def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) ->
 
     joining = args.mesh.endpoints().words
     launcher = Launcher(scenario, chosen, mesh, mesh.namespace, joining=joining)
-    options.report(f"{scenario.name}: starting; logs are in {launcher.logs} until it succeeds")
+    options.report(f"{scenario.name}: starting; until it succeeds, logs are in {launcher.logs}")
     return launcher
 
 

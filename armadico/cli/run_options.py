@@ -84,7 +84,8 @@ class Drive:
         metavar="NAME",
     )
     parameters: str | None = option(
-        "a set of agents' parameters: thesis, or a TOML file (default: none)", metavar="SET"
+        "a set of agents' parameters: thesis, brisk, swift, or a TOML file (default: none)",
+        metavar="SET",
     )
     exchange: str | None = option(
         "how resources change hands (default: smooth)", choices=("abrupt", "smooth")
@@ -92,8 +93,8 @@ class Drive:
     without: tuple[str, ...] = several("leave out an agent; may be repeated", metavar="AGENT")
     besides: tuple[str, ...] = several("add an agent; may be repeated", "--with", metavar="AGENT")
     sensors: str | None = option(
-        "sensors of the simulated robot: real, or ideal: without errors and localization"
-        " (default: the scenario's)",
+        "sensors of the simulated robot: real; glass: a laser sees through some walls; ideal: almost"
+        " no errors, and no localization agent (default: the scenario's)",
         metavar="NAME",
     )
     redundant: bool = flag("run two of each behaviour, so that any one may fail")

@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from msgspec.structs import replace
 
-from armadico.core.agent import EXPECTED_REFUSALS, REPORT_S
+from armadico.core.agent import EXPECTED_REFUSALS, REPORT_S, WARNING
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -390,10 +390,14 @@ class Chronicle:
     def _refused(self, name: str) -> Iterator[str]:
         """Commands refused recently, with the last reason for each agent.
 
-        Sources: the owner's log lines, which are rate-limited, and `Owner` applied here.
+        Sources: the owner's warnings, which are rate-limited, and `Owner` applied here.
         """
         for line in self.view.logs:
-            if self.now - line.at <= REPORT_S and line.log.event == LogEvent.COMMANDS_REFUSED:
+            card = self.view.cards.get(line.instance)
+            owned = card is None or name in card.owns
+            # An exchange causes refusals, too; the owner reports these below the level of warnings.
+            warned = line.log.event == LogEvent.COMMANDS_REFUSED and line.log.level >= WARNING
+            if owned and warned and self.now - line.at <= REPORT_S:
                 yield line.log.text
         newest = {}
         for at, command, verdict in self._commands:

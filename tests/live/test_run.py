@@ -115,7 +115,7 @@ def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
         process.send_signal(number)
         _, errors = process.communicate(timeout=SOON)
         assert process.returncode == 130, errors
-        assert "sc1: interrupted; all that it started has ended" in errors
+        assert "sc1: interrupted; all its processes have ended" in errors
         assert "Traceback" not in errors
         assert all_gone(everybody)
         observer.until(observer.at_rest, "the wheels rest")
@@ -201,7 +201,7 @@ def test_a_mission_that_is_sent_into_a_run_is_driven_to_its_end(
     assert "the goal is reached" in said, errors
     _, errors = first.communicate(timeout=SOON)
     assert first.returncode == 1
-    assert "another mission has taken this run's place" in errors
+    assert "another mission has replaced this run" in errors
 
 
 @pytest.mark.long
