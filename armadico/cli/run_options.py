@@ -93,8 +93,8 @@ class Drive:
     without: tuple[str, ...] = several("leave out an agent; may be repeated", metavar="AGENT")
     besides: tuple[str, ...] = several("add an agent; may be repeated", "--with", metavar="AGENT")
     sensors: str | None = option(
-        "sensors of the simulated robot: real; glass: a laser sees through some walls; ideal: almost"
-        " no errors, and no localization agent (default: the scenario's)",
+        "sensors of the simulated robot: real; glass: a laser sees through some walls; ideal:"
+        " almost no errors, and no localization agent (default: the scenario's)",
         metavar="NAME",
     )
     redundant: bool = flag("run two of each behaviour, so that any one may fail")
