@@ -92,4 +92,4 @@ def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == len(read)
-    assert not Checker().take_all(observations(read))
+    assert not Checker().update_all(observations(read))
